@@ -18,10 +18,10 @@ ROOT = Path(__file__).parents[2]
 LONGEST_FILE = 500
 LONGEST_FUNCTION = 45
 MOST = {
-    "lines": 76_938,
-    "lines of the core": 33_333,
+    "lines": 76_902,
+    "lines of the core": 33_316,
     "classes": 655,
-    "constants": 780,
+    "constants": 771,
     "long files": 0,
     "long functions": 7,
     "docstrings without a noun first": 0,

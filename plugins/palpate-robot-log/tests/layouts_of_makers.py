@@ -7,11 +7,14 @@ Every text is written here after manuals and public files of the makers, with nu
 
 import json
 from collections.abc import Callable, Mapping, Sequence
+from functools import partial
 from io import BytesIO
 from typing import NamedTuple
 
 import numpy as np
+import polars as pl
 import pytest
+from scipy.io import savemat
 
 from palpate.domain import FloatArray
 
@@ -52,6 +55,45 @@ def hdf5(arrays: Mapping[str, tuple[FloatArray, str]], holds: str) -> Layout:
         for name, (values, unit) in arrays.items():
             file.create_dataset(name, data=values).attrs["units"] = np.bytes_(unit)
     return Layout(content.getvalue(), "h5", holds)
+
+
+def saved(ending: str, write: Callable[[BytesIO], object]) -> Layout:
+    """Curve in a binary file, by the function that writes it."""
+    content = BytesIO()
+    write(content)
+    return Layout(content.getvalue(), ending, "curve")
+
+
+def _labelled(content: BytesIO) -> None:
+    h5py = pytest.importorskip("h5py")
+    with h5py.File(content, "w") as file:
+        table = file.create_dataset("run/table", data=np.column_stack([SECONDS, 1e3 * DEPTH, 1e3 * FORCE]))
+        table.attrs["columns"], table.attrs["units"] = ["Time", "Depth", "Force"], "s, um, mN"
+
+
+def _with_units(content: BytesIO) -> None:
+    h5py = pytest.importorskip("h5py")
+    with h5py.File(content, "w") as file:
+        for name, values, unit in (("depth", 1e3 * DEPTH, "um"), ("force", 1e3 * FORCE, "mN")):
+            file[f"{name}/data"], file[f"{name}/unit"] = values, unit
+
+
+def _structures(content: BytesIO) -> None:
+    samples = zip((1e3 * DEPTH).tolist(), (1e3 * FORCE).tolist(), strict=True)
+    pl.DataFrame({"probe": [{"depth_um": a, "load": {"force_mN": b}} for a, b in samples]}).write_parquet(
+        content
+    )
+
+
+MATLAB: Mapping[str, dict[str, object]] = {
+    "MATLAB, data and unit": {"test": {"depth": {"data": 1e3 * DEPTH, "unit": "um"}, "force": {"data": 1e3 * FORCE, "unit": "mN"}}},
+    "MATLAB, names and units": {
+        "data": np.column_stack([1e3 * DEPTH, 1e3 * FORCE]),
+        "names": np.array(["Depth", "Force"], dtype=object), "units": np.array(["um", "mN"], dtype=object)},
+    "MATLAB, importdata": {"A": {"data": np.column_stack([DEPTH, 1e3 * FORCE]), "colheaders": np.array(["Depth (mm)", "Force (mN)"], dtype=object)}},
+    "MATLAB, channels of dSPACE": {
+        "Y": np.array([[(DEPTH, "Depth", "mm")], [(1e3 * FORCE, "Force", "mN")]], dtype=[("Data", object), ("Name", object), ("Unit", object)])},
+}  # fmt: skip
 
 
 def _curves() -> Mapping[str, Callable[[], Layout]]:
@@ -186,7 +228,7 @@ def _curves() -> Mapping[str, Callable[[], Layout]]:
         "force over time alone": lambda: made(["Time (s),Force (N)", *rows(SECONDS, FORCE)], "question"),
         "turn in German degrees": lambda: made(["Winkel (grad),Moment (Nmm)", *rows(DEPTH, FORCE)], "question"),
         "marks between thousands": lambda: made(
-            ['"Travel (um)","Load (mN)"', *[f'"{d:,.1f}","{f:,.2f}"' for d, f in zip((1e3 * DEPTH).tolist(), (1e3 * FORCE).tolist(), strict=True)]], "question"),
+            ['"Travel (um)","Load (mN)"', *[f'"{d:,.1f}","{f:,.2f}"' for d, f in zip((1e3 * DEPTH).tolist(), (1e3 * FORCE).tolist(), strict=True)]], "curve"),
         "two columns without names": lambda: made(["a,b", *rows(DEPTH, FORCE)], "question"),
         "stress by a letter": lambda: made(["lambda_1 [-],P11 [kPa]", *rows(1.0 + STRAIN, STRESS_KPA)], "question"),
         "Arduino and HX711": lambda: made(
@@ -217,7 +259,7 @@ def _curves() -> Mapping[str, Callable[[], Layout]]:
         "commas between thousands": lambda: made(
             ["Travel (um);Force (mN)", *[f"{d:,.0f};{f:,.0f}" for d, f in zip((1e3 * DEPTH).tolist(), (1e3 * FORCE).tolist(), strict=True)]], "refused"),
         "apostrophes between thousands": lambda: made(
-            ["Travel (um);Force (mN)", *[f"{d:,.0f};{f:,.1f}".replace(",", "'") for d, f in zip((1e3 * DEPTH).tolist(), (1e3 * FORCE).tolist(), strict=True)]], "question"),
+            ["Travel (um);Force (mN)", *[f"{d:,.0f};{f:,.1f}".replace(",", "'") for d, f in zip((1e3 * DEPTH).tolist(), (1e3 * FORCE).tolist(), strict=True)]], "curve"),
         "creep": lambda: made(["Time (s),Strain (%),Stress (Pa)", *rows(SECONDS, 100.0 * STRAIN, 0.0 * STRAIN + 100.0)], "question"),
         "newest row first": lambda: made(["Depth (mm),Force (N)", *rows(DEPTH[::-1], FORCE[::-1])], "question"),
         "stress of an indentation": lambda: made(["Indentation strain,Indentation stress (kPa)", *rows(STRAIN, STRESS_KPA)], "question"),
@@ -248,7 +290,7 @@ def _curves() -> Mapping[str, Callable[[], Layout]]:
              *rows(1e3 * DEPTH, SECONDS, 0.0 * DEPTH, 0.0 * DEPTH, 1e3 * DEPTH, 1e6 * FORCE, 0.0 * FORCE, between="\t")], "question", "txt"),
         "points between thousands of a machine": lambda: made(
             ["Zeit [s];Weg [µm];Kraft [mN]", *[f"{t:,.1f};{d:,.1f};{f:,.1f}".translate(str.maketrans(",.", ".,"))
-                                              for t, d, f in np.column_stack([SECONDS, 1e3 * DEPTH, 1e3 * FORCE]).tolist()]], "question"),
+                                              for t, d, f in np.column_stack([SECONDS, 1e3 * DEPTH, 1e3 * FORCE]).tolist()]], "curve"),
         "HDF5 with units of bytes": lambda: hdf5({"displacement": (1e3 * DEPTH, "um"), "force": (1e3 * FORCE, "mN")}, "curve"),
         "rheometer that closes its gap": lambda: made(
             ["[step]", "Step time\tGap\tAxial force\tStress\tStrain", "s\tmm\tN\tPa\t%",
@@ -256,6 +298,25 @@ def _curves() -> Mapping[str, Callable[[], Layout]]:
         "plates named by their load": lambda: made(
             ["Compressive load (N),Strain,Stress (kPa)", *rows(FORCE, STRAIN, STRESS_KPA)], "compression"),
         "unit in capitals in brackets": lambda: made(["DEPTH (UM),LOAD (N)", *rows(1e3 * DEPTH, FORCE)], "curve"),
+        "tables side by side of two lengths": lambda: made(
+            ["Raw,,Annealed,", "Travel,Force,Travel,Force", "mm,N,mm,N",
+             *[f"{line},{line}" for line in rows(DEPTH, FORCE)], *[f",,{line}" for line in rows(8.1 + DEPTH, FORCE)]], "curve"),
+        "bending": lambda: made(["Flexure strain (mm/mm),Flexure stress (kPa)", *rows(STRAIN, STRESS_KPA)], "question"),
+        "amplitudes of an oscillation": lambda: made(
+            ["Shear Strain (%),Shear Stress (kPa),Storage Modulus (kPa)", *rows(100.0 * STRAIN, STRESS_KPA, STRESS_KPA)], "question"),
+        "flow": lambda: made(["Shear Rate (1/s),Shear Stress (kPa)", *rows(STRAIN, STRESS_KPA)], "question"),
+        "sensor alone": lambda: made(
+            ["Time (s),Force X (N),Force Y (N),Force Z (N),Torque X (Nm),Torque Y (Nm),Torque Z (Nm)", *rows(SECONDS, *([FORCE] * 6))], "question"),
+        "forces of a sensor alone": lambda: made(["Time (s),Force_X,Force_Y,Force_Z", *rows(SECONDS, FORCE, FORCE, FORCE)], "question"),
+        "metres without a word": lambda: made(["Displacement,Force", *rows(1e-3 * DEPTH, FORCE)], "question"),
+        "inches by their mark": lambda: made(['Depth ("),Force (lbf)', *rows(DEPTH / 25.4, FORCE / 4.4482216152605, form="{:.9g}")], "curve"),
+        "inches by their mark in quotes": lambda: made(['"Depth ("")","Force (lbf)"', *rows(DEPTH / 25.4, FORCE / 4.4482216152605, form="{:.9g}")], "curve"),
+        "a remark on the sign": lambda: made(["Depth [um] (down positive),Force [mN] (compression negative)", *rows(1e3 * DEPTH, -1e3 * FORCE)], "curve"),
+        "a word behind the unit": lambda: made(["Depth (um) measured,Force (mN) channel A", *rows(1e3 * DEPTH, 1e3 * FORCE)], "curve"),
+        "HDF5 of named columns": lambda: saved("h5", _labelled),
+        "HDF5 of data and unit": lambda: saved("h5", _with_units),
+        "Parquet of structures": lambda: saved("parquet", _structures),
+        **{name: partial(saved, "mat", partial(savemat, mdict=of)) for name, of in MATLAB.items()},
         "force in volts by its name": lambda: made(["depth_mm,force_V", *rows(DEPTH, 0.1 * FORCE)], "question"),
     }  # fmt: skip
 
@@ -344,6 +405,13 @@ def _presses() -> Mapping[str, Callable[[], Layout]]:
             "t_s,x_mm,y_mm,z_mm,qx,qy,qz,qw,Fx_R,Fy_R,Fz_R,Mx_R,My_R,Mz_R", t, tip, q, f, moment),
         "force and moment by one word": lambda: named(
             ",".join(["Time", *(f"{of}_{axis}" for of in ("ToolVectorActual", "TCPForce") for axis in ["x", "y", "z", "rx", "ry", "rz"])]), t, m, rotvec, base_f, base_m),
+        "UR with all that its recorder has": lambda: named(
+            ",".join(["timestamp", *(f"{of}_{i}" for of in ("elbow_position", "actual_tool_accelerometer", "payload_cog") for i in range(3)),
+                      *(f"actual_TCP_pose_{i}" for i in range(6)), *(f"actual_TCP_force_{i}" for i in range(6))]),
+            t, 0.3 * m + 0.1, 9.8 + 0.1 * np.sin(tip), m, m, rotvec, base_f, base_m),
+        "tracker without a wrench": lambda: named("Frame,Q0,Qx,Qy,Qz,Tx,Ty,Tz", np.arange(t.size), w_first, tip)._replace(holds="question"),
+        "KUKA's letters of the moment": lambda: named(
+            "time_s,x,y,z,a,b,c,ft_x,ft_y,ft_z,ft_a,ft_b,ft_c", t, tip, zyx, f, moment[:, ::-1]),
         "HDF5 of a trial": lambda: hdf5(
             {f"trial_1/{name}": of for name, of in {
                 "time": (1e3 * t, "ms"), "tcp/position": (tip, "mm"), "tcp/quaternion": (q, "-"), "wrench/force": (1e3 * f, "mN"), "wrench/torque": (1e3 * moment, "mN*m")

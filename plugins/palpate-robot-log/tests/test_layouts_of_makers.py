@@ -14,7 +14,7 @@ from palpate_robot_log import ColumnsLoader, ColumnsSettings, RobotLogLoader, Ro
 from palpate_robot_log.reading.inspection import inspect_log
 
 from .known_presses import DEPTH_MM, FORCE_N, TORQUE_NMM, press
-from .layouts_of_makers import LAYOUTS, rows
+from .layouts_of_makers import LAYOUTS, MATLAB, rows
 
 pytestmark = pytest.mark.usefixtures("in_this_process")
 
@@ -32,7 +32,6 @@ QUESTIONS = {
     "specimen by strain and force": "give scale, by the area of the specimen",
     "force over time alone": "a curve needs depth and force at each time; log both",
     "turn in German degrees": "the file gives 'grad', which is no unit of angle",
-    "marks between thousands": "has marks between its thousands",
     "two columns without names": "which is the depth, and which the force",
     "stress by a letter": "true, second Piola-Kirchhoff or nominal",
     "strain gauge in volts": "the file gives 'V', which is no unit of force",
@@ -41,7 +40,6 @@ QUESTIONS = {
     "biaxial machine": "XDisplacement_um or YDisplacement_um, and XForce_mN or YForce_mN? name one",
     "a unit that its capital leaves open": "the file gives 'UN?', which is no unit of force",
     "commas between thousands": "'1,000' next to '200' has marks between its thousands",
-    "apostrophes between thousands": "has marks between its thousands",
     "nanometres in capitals": "the file gives 'Nm?'",
     "creep": "Stress (Pa) hardly changes, as in creep",
     "creep from zero": "Stress (kPa) hardly changes, as in creep",
@@ -58,7 +56,13 @@ QUESTIONS = {
     "force in volts by its name": "the file gives 'V', which is no unit of force",
     "a unit in capitals that leaves it open": "the file gives 'Mn?', which is no unit of force",
     "FemtoTools": "force: Force A [uN] or Force B [uN]? name one",
-    "points between thousands of a machine": "'1.000,0' has marks between its thousands",
+    "bending": "palpate does not convert a measure 'flexure'",
+    "amplitudes of an oscillation": "amplitudes of an oscillation are no curve",
+    "flow": "a test needs strain or stretch next to stress; add its column",
+    "sensor alone": "not found: position, orientation; name their columns",
+    "forces of a sensor alone": "a curve needs depth and force at each time; log both",
+    "metres without a word": "Displacement spans 0.008 and shows no unit; give scale, the factor to mm",
+    "tracker without a wrench": "not found: time, force, moment",
     "robot without a time": "not found: time; name their columns; or add a column of seconds",
     "sensor in volts": "the file gives the unit 'V', which is no unit of force",
     "sensor in counts": "the file gives the unit 'counts', which is not known",
@@ -122,6 +126,25 @@ FAST = (
     "plates named by their load",
     "unit in capitals in brackets",
     "robot without a time",
+    "tables side by side of two lengths",
+    "apostrophes between thousands",
+    "bending",
+    "amplitudes of an oscillation",
+    "flow",
+    "sensor alone",
+    "forces of a sensor alone",
+    "metres without a word",
+    "tracker without a wrench",
+    "UR with all that its recorder has",
+    "inches by their mark",
+    "inches by their mark in quotes",
+    "a remark on the sign",
+    "a word behind the unit",
+    "HDF5 of named columns",
+    "HDF5 of data and unit",
+    "Parquet of structures",
+    *MATLAB,
+    "KUKA's letters of the moment",
 )
 
 

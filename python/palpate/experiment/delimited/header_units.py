@@ -1,8 +1,10 @@
 """Units in the names of columns: ``fx_N``, ``x [m]``, ``Fz (N)``, ``torque_N_m``, ``Time, s``."""
 
 import re
+import tomllib
 import unicodedata
 from functools import cache
+from importlib.resources import files
 from itertools import product
 from types import MappingProxyType
 from typing import Literal
@@ -35,57 +37,11 @@ _MEASURES: tuple[tuple[Kind, str, float], ...] = (
 )
 """Kinds, a unit that measures each, and its factor to the kind's base: a load in kg is its weight."""
 
-_SPELT = {
-    word: unit
-    for unit, words in {
-        "s": "秒 초 с сек sekunde sekunden segundos secondi secondes",
-        "ms": "毫秒 мс",
-        "min": "мин minuten minutos minuti",
-        "mm": "毫米 ミリ мм millimetri milimetros milimetry",
-        "cm": "см",
-        "um": "UM 微米 мкм mikrometer",
-        "N": "牛 牛顿 ニュートン Н",
-        "mN": "毫牛 мН",
-        "kN": "千牛 кН kilonewtons",
-        "kgf": "kp 千克力 公斤力 кгс kilogramos-fuerza",
-        "gf": "grf gram-force grams-force",
-        "lbf": "lb-f",
-        "g": "克 г gramm gramos grammi",
-        "kg": "kgs 公斤 千克 кг kilogramm kilogramos",
-        "deg": "度 град grados gradi degres Grad",
-        "MPa": "兆帕 МПа",
-        "kPa": "千帕 кПа",
-        "Pa": "帕 Па",
-        "turn": "rev revs",
-        "percent": "pct",
-        "thou": "mil",
-        "?": "gr a.u. au px MN grad",  # the last is a gon, or a degree in German
-    }.items()
-    for word in words.split()
-}
-"""Units in other spellings and languages, in their own letters or without accents."""
-
-_RATIOS = {
-    unit: factor
-    for factor, units_of in {
-        1.0: "strain ε",
-        1e-3: "‰ permille mstrain millistrain mε",
-        1e-6: "ppm microstrain microstrains uε ue ustrain u-strain",
-    }.items()
-    for unit in units_of.split()
-}
-"""Factors of units of strain, in small letters."""
-
-_USUAL = (
-    "s sec secs second seconds ms msec milliseconds us usec microseconds ns nsec nanoseconds "
-    "m meter meters metre metres cm mm millimeter millimetre um nm in inch N newton newtons kN mN uN nN kgf "
-    "kp gf lbf ozf kg lb lbs lbf·in lbf-in lbf_in in·lb in-lb in-lbf ozf·in ozf-in oz-in rad radian radians "
-    "mrad deg degree degrees ° % percent pct MPa kPa Pa psi mm/mm in/in m/m mm/m um/m mm/s mm/min °C "
-    "V mV volt volts mV/V counts cts"
-)
+_TABLES = tomllib.loads(files(__package__).joinpath("units.toml").read_text(encoding="utf-8"))
+_SPELT = {word: unit for unit, words in _TABLES["spelt"].items() for word in words.split()}
+_RATIOS = {word: float(factor) for factor, words in _TABLES["ratios"].items() for word in words.split()}
 UNITS = frozenset(
-    {*_RATIOS, *_USUAL.split(), *(word for word, unit in _SPELT.items() if unit not in ("?", "turn", "thou"))}
-    - {"strain", "ε"}
+    {*_RATIOS, *_SPELT, *_TABLES["usual"]["units"].split()} - {*_TABLES["usual"]["not_alone"].split()}
 ) | frozenset(map("".join, product(("N", "mN"), ("", *" ·*.-_"), ("m", "mm", "cm"))))
 """Units that are believed behind a name without brackets, or alone in a cell, without accents."""
 
@@ -117,7 +73,9 @@ _ANNOTATIONS = frozenset(
 
 _WIDE = str.maketrans("（）［］【】：／", "()[][]:/")
 _PLAIN = str.maketrans({"ł": "l", "Ł": "L", "ø": "o", "Ø": "O", "ı": "i", "ß": "ss", "µ": "u", "μ": "u"})
-_BRACKETED = re.compile(r"\s*(?P<label>.*?)[\s_]*[\[({<]\s*(?P<unit>[^\[\](){}<>]*?)\s*[\])}>]\s*")
+_BRACKETED = re.compile(r"[\s_]*[\[({<]\s*([^\[\](){}<>]*?)\s*[\])}>]\s*")
+_SIGN = re.compile(r"[\[(][^\])]*(positive|negative)[^\])]*[\])]", re.IGNORECASE)
+"""Remark in brackets on the sign of a column, which the numbers show."""
 _NEWTON = re.compile(r"([kmuµμn]?N)(mm|cm|m)")
 _PRODUCT = re.compile(r"(?<=[^\W\d_])[ ._-](?=[^\W\d_])")
 _POWER = re.compile(r"(?<=[^\W\d_])\^?(\d)$")
@@ -135,11 +93,18 @@ def unit_in(name: str) -> tuple[str, str]:
     # R replaces blanks, brackets and signs such as % by dots: Depth..mm. was Depth (mm).
     if of_r := re.fullmatch(r"(.*?[^.])\.\.+(|[^.].*?)\.", name.strip()):
         return of_r[1], of_r[2] or "..."
-    bracketed = _BRACKETED.fullmatch(name)
-    if bracketed and not re.fullmatch(r"[\d:,\s]*", bracketed["unit"]):
-        if bracketed["unit"].lower() not in _ANNOTATIONS:
-            return bracketed["label"], bare_unit(bracketed["unit"])
-        return name.strip(), unit_in(bracketed["label"])[1]
+    found = [each for each in _BRACKETED.finditer(name) if not re.fullmatch(r"[\d:,\s]*", each[1])]
+    shown = [each for each in found if each[1].lower() not in _ANNOTATIONS]
+    known = [each for each in shown if kind_of(bare_unit(each[1]))]
+    last = [each for each in found if each.end() == len(name)]
+    # A remark may be behind the unit: Force [N] (compression negative).
+    chosen = [each for each in last if each in known] or (known if len(known) == 1 else last)
+    if chosen:
+        before, behind = name[: chosen[0].start()].strip(), _SIGN.sub("", name[chosen[0].end() :]).strip()
+        own = "" if chosen[0] in known else unit_in(before)[1]
+        if own or chosen[0] not in shown:
+            return name.strip(), own
+        return f"{before} {behind}".strip(), bare_unit(chosen[0][1])
     for unit in re.findall(r"(?=(?:^|[-_\s,/.])([^-\s_,/.].*)$)", name.strip()):
         label = re.sub(r"[\s_]in$", "", name.strip()[: -len(unit)].rstrip("-_ /\t,."))  # Force in N
         if label and _fits(label, unit):
@@ -178,7 +143,9 @@ def is_believed(unit: str) -> bool:
 
 def bare_unit(cell: str) -> str:
     """Unit in a cell of a line of units, without brackets; empty where a quantity has none."""
-    bare = cell.strip().strip("[](){}<>").strip()
+    bare = _SIGN.sub("", cell).strip().strip("[](){}<>").strip()
+    before = bare.partition(",")[0]  # N, compression negative
+    bare = before if before != bare and kind_of(before) else bare
     return "" if bare in {"-", "--", "1"} else bare
 
 

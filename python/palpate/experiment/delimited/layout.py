@@ -3,7 +3,6 @@
 import io
 import re
 from collections.abc import Iterable, Mapping, Sequence
-from contextlib import suppress
 from dataclasses import dataclass
 from itertools import accumulate, zip_longest
 from typing import TYPE_CHECKING, Literal
@@ -25,10 +24,8 @@ NUMBERS = {
     ",": r"[+-]?([0-9]+,?[0-9]*|,[0-9]+)([eE][+-]?[0-9]+)?",
 }
 """Patterns of a finite number by its decimal mark."""
-THOUSANDS = {
-    ".": r"[+-]?[1-9]\d{0,2}([,'\u00a0\u202f ]\d{3})+(\.\d*)?",
-    ",": r"[+-]?[1-9]\d{0,2}([.'\u00a0\u202f ]\d{3})+(,\d*)?",
-}
+_THOUSANDS = r"[+-]?[1-9]\d{0,2}([%s'\u00a0\u202f ]\d{3})+(\%s\d*)?"
+THOUSANDS = {".": _THOUSANDS % (",", "."), ",": _THOUSANDS % (".", ",")}
 """Patterns of a number with marks between its thousands, by its decimal mark."""
 NO_VALUE = r"(?i:[+-]?nan|na|n/a|null|none|-|--|)"
 """Pattern of a cell without a value."""
@@ -111,8 +108,8 @@ def lines_of(text: str) -> "pl.DataFrame":
     import polars as pl
 
     texts = text.split("\n")
-    odd = [i for i, line in enumerate(texts[:_SNIFFED_LINES]) if line.count('"') % 2]
-    for begin, end in zip(odd[::2], odd[1::2], strict=False):
+    odd = (i for i, line in enumerate(texts[:_SNIFFED_LINES]) if line.count('"') % 2)
+    for begin, end in zip(odd, odd, strict=False):
         cells = [one.strip() for one in texts[begin : end + 1]]
         is_cell = re.search(r'(^|[,;\t|])\s*"[^"]*$', cells[0])
         if is_cell and not any(re.match(r'"?[-+.,]?\d', one) for one in cells):  # names on two lines
@@ -141,11 +138,16 @@ def split(lines: "pl.DataFrame", delimiter: str) -> "pl.DataFrame":
         text = text.str.replace_all(_LIST_WITH_COMMAS, '${1}"${2}"')
     bare, is_open = text, pl.lit(value=False)
     if has_lists or lines["text"].str.contains('"', literal=True).any():
+        text = text.str.replace_all(r'([\[(])\s*""?\s*([\])])', "${1}″${2}")  # inches
         bare = text.str.replace_all('"([^"]|"")*"', "\x01")
         is_open = bare.str.contains('"', literal=True)
         # Quotation marks around a part of a cell are characters like others.
         is_odd = is_open | bare.str.contains(rf"[^{between}]\x01|\x01[^{between}]")
-        text = pl.when(is_odd).then(text.str.replace_all('"', "")).otherwise(text)
+        text = (
+            pl.when(is_odd)
+            .then(text.str.replace_all(r'(\pL)\s+"', "$1 ″").str.replace_all('"', ""))
+            .otherwise(text)
+        )
         bare = pl.when(is_odd).then(text).otherwise(bare)
     n_cells = bare.str.count_matches(between, literal=True) + 1
     return lines.with_columns(text, n_cells=n_cells, is_open=is_open)
@@ -203,12 +205,12 @@ def kind_of_cell(cell: str, decimal: str) -> str:
 # ------------------------------------------------------------------------------------- a layout
 
 
-def find_layout(source: str, lines: "pl.DataFrame", wanted: TextFormat, after: int = 0) -> Layout:
-    """Layout of a table, called ``source`` in messages, by its lines after one and what the study gives.
+def find_layout(source: str, lines: "pl.DataFrame", wanted: TextFormat) -> Layout:
+    """Layout of a table, called ``source`` in messages, by its first lines and what the study gives.
 
     A CurveError where there is no line of names, or are no rows of numbers.
     """
-    skipped, all_lines = wanted.skip_lines or after, lines
+    skipped = _preamble(source, lines, wanted) if wanted.skip_lines is None else wanted.skip_lines
     every = lines.head(skipped + _SNIFFED_LINES)
     _refuse_messages(source, every["text"].head(_SNIFFED_LINES))
     if wanted.skip_lines is None and every["text"].head(1).str.starts_with(_LABVIEW).any():
@@ -230,16 +232,9 @@ def find_layout(source: str, lines: "pl.DataFrame", wanted: TextFormat, after: i
     if wanted.decimal is None:
         _check_thousands(source, rows, decimal)
     kinds = [[kind_of_cell(cell, decimal) for cell in cells] for cells in rows]
-    if rows[1:] and not any(map(_n_values, kinds)):
-        # What another file holds does not belong into a message.
+    if rows[1:] and not any(map(_n_values, kinds)):  # a message shows nothing of another file
         raise CurveError(f"{source}: no cell holds a number, so this is no table of numbers; check the path")
     start = _first_row(kinds)
-    if start == len(rows) and wanted.skip_lines is None:
-        if lines["line"][-1] < all_lines.height and after < _LONGEST_PREAMBLE:
-            with suppress(CurveError):
-                return find_layout(source, all_lines, wanted, numbers[-_SAMPLED_LINES:][0])
-        if after:  # nor are there rows of numbers further on: the first lines decide
-            raise CurveError(f"{source}: no rows of numbers after line {after}; export the file again")
     width = max(map(_filled, rows[start : start + _SAMPLED_ROWS]), default=0)
     header, below = _header(rows, kinds, start, wanted)
     sampled = rows[below : below + _SAMPLED_ROWS]
@@ -266,8 +261,7 @@ def find_layout(source: str, lines: "pl.DataFrame", wanted: TextFormat, after: i
             f"{source}: line {numbers[below]} has {width} cells where names has {len(names)} entries; "
             "give each column a name"
         )
-    if names[-1].lower() in _REMARKS and len(names) > width:
-        names = names[:width]
+    names = names[:width] if names[-1].lower() in _REMARKS else names
     above = every.filter(every["line"] < numbers[below])["text"].to_list()
     between = None if delimiter == BLANKS else delimiter
     parted = ([cell.strip(' "') for cell in line.split(between)] for line in above if line)
@@ -294,6 +288,20 @@ def find_layout(source: str, lines: "pl.DataFrame", wanted: TextFormat, after: i
         kinds=kinds_of,
         steps=_steps(labels),
     )
+
+
+def _preamble(source: str, lines: "pl.DataFrame", wanted: TextFormat) -> int:
+    """Count of lines before the first window in which rows of numbers begin; 0 where they begin in none."""
+    last = min(lines.height, _LONGEST_PREAMBLE) if lines.height > _SNIFFED_LINES else 0
+    for after in range(0, last, _SNIFFED_LINES - _SAMPLED_LINES):
+        window = lines[after : after + _SNIFFED_LINES]
+        window = window.filter(window["text"].str.len_bytes() <= _LONGEST_LINE)
+        if not (body := body_of(window, _comment_of(window["text"].to_list()))).is_empty():
+            delimiter, decimal = _marks(source, body.tail(_SAMPLED_LINES), wanted)
+            kinds = [[kind_of_cell(cell, decimal) for cell in cells] for cells in _rows(body, delimiter)]
+            if _first_row(kinds) < len(kinds):
+                return after
+    return 0
 
 
 def _refuse_messages(source: str, lines: "pl.Series") -> None:
@@ -426,8 +434,8 @@ def _header(
 
 def _is_damaged(kinds: Sequence[str]) -> bool:
     """Whether a line before the rows is one of them with a word in it, or with quotation marks left open."""
-    n_words = kinds.count("text")
-    return not kinds or (_is_values(kinds) and (kinds[0] != "text" or _n_values(kinds) > max(1, n_words)))
+    n_most = max(1, kinds.count("text"))
+    return not kinds or (_is_values(kinds) and (kinds[0] != "text" or _n_values(kinds) > n_most))
 
 
 def _is_units_line(cells: Sequence[str]) -> bool:

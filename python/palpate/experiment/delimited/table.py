@@ -193,6 +193,9 @@ class TextTable:
         # Cell of each column, and place in its list, by name; a name that occurs twice is left out.
         self._columns: dict[str, tuple[int, int | None]] = {}
         names = self.layout.names[: period_of(self.layout.names)]
+        if len(names) < len(self.layout.names):  # of tables side by side one may end before another
+            cells = cells_of(self._rows, self.layout.delimiter, range(len(names)))
+            self._rows = self._rows.filter(cells.select(pl.any_horizontal(pl.all() != "")).to_series())
         self._twice = [name for name in dict.fromkeys(names) if names.count(name) > 1]
         first_cells = cells_of(self._rows.head(1), self.layout.delimiter, range(len(names))).row(0)
         for index, name in enumerate(names):
@@ -451,6 +454,11 @@ def _numbers(cells: "pl.Series", decimal: str, place: int | None) -> tuple[Float
         cells = cells.str.strip_chars()
         plain = cells.str.replace(",", ".", literal=True) if decimal == "," else cells
         is_number = cells.str.contains(f"^(?:{NUMBERS[decimal]})$")
+        marked = ~is_number & cells.str.contains(f"^(?:{THOUSANDS[decimal]})$")
+        # 1,000 alone may be one, but not 1,000.5, nor next to it.
+        if cells.filter(marked).str.contains(rf"\{decimal}|['\u00a0\u202f ]").any():
+            bare = cells.str.replace_all(rf"[^\d{decimal}+-]", "").str.replace(",", ".", literal=True)
+            plain, is_number = plain.zip_with(~marked, bare), is_number | marked
         values = plain.str.replace("[dD]", "e").cast(pl.Float64, strict=False)
         too_large = values.is_infinite().fill_null(value=False)
         bad = ~(is_number | cells.str.contains(f"^(?:{NO_VALUE})$")) | too_large

@@ -5,6 +5,7 @@ or rate within it.
 """
 
 import json
+import re
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
@@ -25,6 +26,16 @@ UNSET = np.datetime64("1904-01-02")
 """LabVIEW counts from 1904-01-01; an earlier start is that of a clock which was not set."""
 
 MOST_COLUMNS = 64  # widest matrix that counts as columns side by side; a wider one is an image or a result
+_UNITS = ("unit", "units")
+_NAMES = (
+    *("columns", "column_names", "names", "labels", "colheaders", "header", "headers", "channels"),
+    *("channel_names", "fields", "items", "name", "label"),
+)
+"""Attributes, or fields of a structure, in small letters, that describe the columns of an array."""
+_DESCRIBING = frozenset((*_UNITS, *_NAMES))
+_BARE = frozenset(("data", "value", "values", "signal", "y"))
+"""Fields of a structure that describes itself, in small letters."""
+_MOST_WORDS = 1000
 _MATLAB_OWN = ("#refs#", "#subsystem#")
 _MATLAB_TEXT = (b"char", b"cell")
 _PER_SECOND = {"ns": 1e9, "us": 1e6, "ms": 1e3}
@@ -74,26 +85,34 @@ def read_hdf5(path: Path) -> RawLog:
         ) from None
     with path.open("rb") as stream:
         is_matlab = stream.read(6) == b"MATLAB"
-    notes, units, arrays = list[str](), dict[str, str](), dict[str, Any]()
+    notes, empty, arrays = list[str](), list[str](), dict[str, Any]()
 
     def visit(name: str, item: Any) -> None:  # noqa: ANN401 - h5py is untyped
-        if not isinstance(item, h5py.Dataset) or (is_matlab and name.split("/")[0] in _MATLAB_OWN):
+        if is_matlab and name.split("/")[0] in _MATLAB_OWN:
             return
         name, kind = name.replace("/", "."), item.attrs.get("MATLAB_class", b"")
+        arrays.update(
+            {f"{name}.{key}": np.asarray(item.attrs[key]) for key in item.attrs if key.lower() in _DESCRIBING}
+        )
+        if not isinstance(item, h5py.Dataset):
+            return
         if item.is_virtual or item.external:
             notes.append(f"'{name}' keeps its numbers in another file, which is not read")
-        elif item.dtype.kind in "fiubV" and item.shape and 0 not in item.shape and kind not in _MATLAB_TEXT:
+        elif kind in _MATLAB_TEXT:
+            cells = [item.file[one] for one in item[()].ravel()] if item.dtype.kind == "O" else [item]
+            arrays[name] = np.array(["".join(map(chr, one[()].ravel())) for one in cells])
+        elif item.dtype.kind in "SUO" or (item.dtype.kind in "fiubV" and item.shape and 0 not in item.shape):
             # MATLAB's files hold the dimensions in reverse.
-            arrays[name] = item[()].T if is_matlab else item[()]
-            units[name] = item.attrs.get("units", item.attrs.get("unit", ""))
-        elif item.dtype.kind not in "SUO":
-            notes.append(f"'{name}' holds no numbers")
+            arrays[name] = np.asarray(item[()].T if is_matlab else item[()])
+        else:
+            empty.append(name)
 
     damage = or_damaged(path, "the HDF5 file is damaged or cut off", "save it again")
     with damage, h5py.File(path, "r", locking=False) as file:
         file.visititems(visit)
+    notes += [f"without numbers: {listed(empty, 6)}"] if empty else []
     kind, pattern = ("MATLAB 7.3", _MATLAB_NAME) if is_matlab else ("HDF5", _NUMPY_NAME)
-    return _log(path, kind, arrays, pattern, notes, units)
+    return _log(path, kind, arrays, pattern, notes)
 
 
 def _arrays_in(name: str, value: Any, notes: list[str], depth: int = 0) -> _Found:  # noqa: ANN401 - of any library
@@ -123,35 +142,61 @@ def _log(
     units: Mapping[str, str] | None = None,
 ) -> RawLog:
     """Log of the vectors and matrices of real numbers among the values, with the units of some."""
-    by_length: dict[int, list[Column]] = {}
+    by_length: dict[int, dict[str, Column]] = {}
     found, passed_over = [*notes], list[str]()
-    for value_name, value in values.items():
-        given = (units or {}).get(value_name, "")
-        for name, array in _arrays_in(value_name, value, found):
-            matrix = _upright(array)
-            if matrix is None:
-                passed_over.append(f"'{name}' {array.shape} of {array.dtype} is no column of numbers")
-                continue
-            names = [name]
-            if matrix.shape[1] > 1 or (array.ndim > 1 and pattern is _POLARS_NAME):
-                first = 1 if pattern is _MATLAB_NAME else 0
-                names = [pattern.format(name, k) for k in range(first, first + matrix.shape[1])]
-            unit = given.decode("utf-8", "replace") if isinstance(given, bytes) else given
-            unit = unit if isinstance(unit, str) else ""
-            unit = unit or (unit_in(name)[1] if len(names) > 1 else "")
-            by_length.setdefault(len(matrix), []).extend(
-                Column(name=one, values=column, unit=unit)
-                for one, column in zip(names, matrix.T, strict=True)
-            )
-    found += passed_over
+    arrays = [each for name, value in values.items() for each in _arrays_in(name, value, found)]
+    texts = {name.lower(): text for name, array in arrays if (text := _text_of(array))}
+    for name, array in arrays:
+        matrix = _upright(array)
+        if matrix is None:
+            if name.lower() not in texts:
+                passed_over.append(f"'{name}' {array.shape} of {array.dtype}")
+            continue
+        n_columns, first = matrix.shape[1], 1 if pattern is _MATLAB_NAME else 0
+        names = [name]
+        if n_columns > 1 or (array.ndim > 1 and pattern is _POLARS_NAME):
+            names = [pattern.format(name, k) for k in range(first, first + n_columns)]
+        shown = _described(name, texts, _UNITS, n_columns) or [(units or {}).get(name, "")]
+        shown = shown if shown[0] or n_columns == 1 else [unit_in(name)[1]]
+        # Of several that fit no count of columns none is sure.
+        shown = shown * n_columns if len(shown) == 1 else shown
+        shown = shown if len(shown) == n_columns else [", ".join(shown)] * n_columns
+        columns = by_length.setdefault(len(matrix), {})
+        labels = _described(name, texts, _NAMES, n_columns)
+        if len({*labels} - {*columns}) == n_columns == len(labels):
+            names = labels
+        for one, column, unit in zip(names, matrix.T, shown, strict=True):
+            columns[one] = Column(name=one, values=column, unit=unit)
+    found += [f"no columns of numbers: {listed(passed_over, 6)}"] if passed_over else []
     if not by_length:
         why = "; ".join(found) or "it is empty"
         raise CurveError(f"{path}: no columns of numbers ({why}); save vectors or matrices of doubles")
     streams = tuple(
-        Stream.of(columns, name=f"{n_rows} rows" if len(by_length) > 1 else "")
+        Stream.of(columns.values(), name=f"{n_rows} rows" if len(by_length) > 1 else "")
         for n_rows, columns in by_length.items()
     )
     return RawLog(source=str(path), format=file_format, row_word="row", streams=streams, notes=tuple(found))
+
+
+def _text_of(array: np.ndarray) -> list[str]:
+    """Words in an array of text, or in a MATLAB cell array of words; none where it holds something else."""
+    cells = [each for cell in array.ravel()[:_MOST_WORDS] for each in np.asarray(cell).ravel()[:1]]
+    if array.dtype.kind not in "SUO" or not all(isinstance(cell, bytes | str) for cell in cells):
+        return []
+    return [(c.decode("utf-8", "replace") if isinstance(c, bytes) else str(c)).strip() for c in cells]
+
+
+def _described(name: str, texts: Mapping[str, list[str]], keys: Sequence[str], n_columns: int) -> list[str]:
+    """Words of an attribute or a field of one of some keys that describes the columns of an array."""
+    parent, own = (part.lower() for part in name.rpartition(".")[::2])
+    places = [f"{name.lower()}.", f"{name.lower()}_"]
+    if own in _BARE:
+        places.append(f"{parent}." if parent else "")
+    elif own.endswith("_values"):  # pandas
+        places.append(f"{name.lower().removesuffix('values')}")
+    words = next((texts[at + key] for at in places for key in keys if at + key in texts), [])
+    parts = [part.strip() for part in re.split("[,;\t]", words[0])] if len(words) == 1 else []
+    return parts if 1 < len(parts) == n_columns else words
 
 
 def _upright(array: np.ndarray) -> FloatArray | None:
@@ -184,7 +229,7 @@ def read_parquet(path: Path, wanted: Sequence[str] | None = None) -> RawLog:
 
     kinds = (pl.exceptions.PolarsError, pl.exceptions.PanicException)
     with or_damaged(path, "the Parquet file is damaged or cut off", "export it again", kinds):
-        schema = pl.read_parquet_schema(path)
+        schema = pl.scan_parquet(path, glob=False).pipe(_flat).collect_schema()
         names = [name for name, dtype in schema.items() if _is_numeric(dtype)]
         if wanted is not None:
             held = {name if name in schema else name.split("[", 1)[0]: name for name in wanted}
@@ -196,9 +241,21 @@ def read_parquet(path: Path, wanted: Sequence[str] | None = None) -> RawLog:
                     )
             names = list(held)
         # The path is taken as it is, not as a pattern of several files.
-        frame = pl.read_parquet(path, columns=names, glob=False)
+        frame = pl.scan_parquet(path, glob=False).pipe(_flat).select(names).collect()
         others = [f"{name} ({dtype})" for name, dtype in schema.items() if name not in names]
         return _of_frame(path, "Parquet", frame, others if wanted is None else [])
+
+
+def _flat(frame: "pl.LazyFrame") -> "pl.LazyFrame":
+    """Frame whose structures are columns, each named by its path."""
+    import polars as pl
+
+    while structs := [name for name, of in frame.collect_schema().items() if of == pl.Struct]:
+        for name in structs:
+            inner = frame.select(pl.col(name).struct.unnest()).collect_schema().names()
+            fields = [pl.col(name).struct.field(each).alias(f"{name}.{each}") for each in inner]
+            frame = frame.with_columns(fields).drop(name)
+    return frame
 
 
 def read_json(path: Path) -> RawLog:

@@ -1,10 +1,12 @@
-"""Meaning of columns' names: one table of the words that loggers and testing machines use for each quantity.
+"""Meaning of columns' names, by the words of ``words.toml`` that loggers and testing machines use.
 
 A word is looked up without accents and in small letters; German compounds are known by their last part.
 """
 
 import re
+import tomllib
 from collections.abc import Mapping, Sequence
+from importlib.resources import files
 from itertools import chain, pairwise
 from typing import NamedTuple
 
@@ -18,39 +20,9 @@ _WORD = re.compile(
 _COMPOUND = ("kraft", "weg", "zeit", "dehnung", "spannung", "tiefe", "winkel", "moment")
 """Ends of German compounds, which are read as these words."""
 _FIRST_FOREIGN = "\u0370"
-_MEANINGS: Mapping[str, str] = {
-    word: meaning
-    for meaning, words in {
-        "time": "時間 时间 시간 время",
-        "displacement": "ストローク 変位 位移 行程 移動量 변위 перемещение ход",
-        "depth": "深さ 深度 깊이 глубина",
-        "deformation": "変形 变形 변형 деформация",
-        "extension": "удлинение",
-        "force": "試験力 试验力 荷重 载荷 负荷 力 하중 힘 сила нагрузка усилие",
-        "angle": "角度 回転角 각도 угол",
-        "torque": "トルク 扭矩 力矩 转矩 토크 момент",
-        "position": "位置 위치 положение",
-        "orientation": "姿勢 姿态",
-        "quaternion": "四元数 クォータニオン",
-        "stretch": "λ",
-        "strain": "ひずみ 歪み 应变 변형률 ε",
-        "stress": "応力 应力 응력 напряжение σ",
-        "gamma": "γ",
-        "tau": "τ",
-        "theta": "θ",
-        "omega": "ω",
-        "compression": "圧縮 压缩 압축 сжатие",
-        "tensile": "引張 拉伸 인장 растяжение",
-        "shear": "せん断 剪切 전단 сдвиг",
-        "true": "真",
-        "nominal": "公称 工程",
-    }.items()
-    for word in words.split()
-}
-"""Words of names in other letters; Eastern ones have no blanks between them: 応力 is a stress and no 力.
-
-A sign that is in none of them is a word of its own.
-"""
+_TABLES = tomllib.loads(files(__package__).joinpath("words.toml").read_text(encoding="utf-8"))
+_MEANINGS = {word: meaning for meaning, words in _TABLES["meanings"].items() for word in words.split()}
+"""Meanings of words in other letters; a sign that is in none of them is a word of its own."""
 _FOREIGN_WORD = re.compile("|".join([*sorted(_MEANINGS, key=len, reverse=True), r"[\u0370-\u04ff]+", "."]))
 
 
@@ -62,99 +34,18 @@ class Role(NamedTuple):
     vector: frozenset[str]
 
 
-def word_set(words: str) -> frozenset[str]:
-    """Words between blanks."""
-    return frozenset(words.split())
-
-
-def _role(kind: Kind, words: str, vector: str = "") -> Role:
-    return Role(kind, tuple(words.split()), word_set(vector))
+def _sets(table: Mapping[str, str]) -> Mapping[str, frozenset[str]]:
+    return {name: frozenset(words.split()) for name, words in table.items()}
 
 
 ROLES: Mapping[str, Role] = {
-    "travel": _role(
-        "length",
-        "depth indentation tiefe eindringtiefe profondeur profundidad enfoncement displacement disp "
-        "deplacement desplazamiento spostamento verschiebung travel extension stroke weg crosshead traverse "
-        "distance position deflection deformation compression course carrera recorrido corsa hub ext pos "
-        "deslocamento verplaatsing forskjutning przemieszczenie draha uzama elongation z",
-    ),
-    "force": _role(
-        "force",
-        "force load kraft last charge effort carga fuerza forza carico forca kracht sila kuvvet yuk fn "
-        "fz fy fx normal f cell",
-        "f force forces kraft",
-    ),
-    "angle": _role("angle", "rotation angle twist turn winkel drehwinkel angulo angular"),
-    "moment": _role(
-        "moment",
-        "torque moment drehmoment couple par tz mz",
-        "t torque torques moment moments m tau drehmoment",
-    ),
-    "position": _role("length", "", "p pos position translation tcp tip tool point lage"),
-    "orientation": _role(
-        "angle",
-        "",
-        "q o quat quaternion orientation rotation rot r euler theta rotvec rvec rodrigues abc wpr",
-    ),
-    "stretch": _role("ratio", "stretch lambda streckung"),
-    "strain": _role(
-        "ratio",
-        "strain eps dehnung deformation deformacion deformazione verzerrung epsilon stauchung elongation "
-        "shear gamma",
-    ),
-    "stress": _role("stress", "stress spannung contrainte esfuerzo tension sforzo sigma piola tau"),
+    name: Role(of["kind"], tuple(of["words"].split()), frozenset(of.get("vector", "").split()))
+    for name, of in _TABLES["roles"].items()
 }
 """Quantities that a column or a vector has, by role."""
-
-TIME_WORDS = word_set(
-    "time t timestamp stamp zeit prufzeit clock seconds secs received elapsed temps tiempo tempo tijd tid "
-    "czas cas zaman millis"
-)
-COUNTERS = word_set(
-    "frame frames sample samples index idx count counter no nr num number seq sequence row line id packet "
-    "bild"
-)
-"""Words of columns that count rows."""
-
-SPECIMENS = word_set("sample samples case cases specimen specimens trial trials run runs probe proben")
-"""Words of columns that are numbered by specimen or repetition."""
-
-COMMANDED = word_set(
-    "target desired d cmd command commanded ref reference setpoint goal setp sp sol soll demand demanded"
-)
-MEASURED = word_set("actual act measured meas ist real feedback fb fbk rel state")
-FILTERED = word_set(
-    "filtered filter filt smoothed smooth raw corrected avg average mean peak max min corr lp offset tared"
-)
-"""Words of a column that is a second form of another."""
-
-SPREADS = word_set("sd std stdev stddev deviation")
-"""Words of a column that is the standard deviation of another."""
-
-_NO_VALUES = SPREADS | word_set("se sem error err uncertainty variance var ci")
-"""Words of a column of uncertainties, which is no quantity itself."""
-
-_ASIDE = word_set("transverse lateral radial poisson quer querdehnung true cauchy log hencky green pk2 pk")
-"""Words of a strain or stress that is taken after one without them."""
-
-TENSILE = word_set("tensile zug traction elongation gauge specimen extensometer pull")
-_COMPRESSIVE = word_set("compressive compression compress compressed stauchung druck druckspannung")
-_UNCERTAIN = word_set(
-    "almansi eulerian biot swainger mises equivalent effective principal deviatoric indentation volumetric"
-)
-_STRAIN_MEASURES: Mapping[str, frozenset[str]] = {
-    "log": word_set("true log logarithmic ln hencky natural wahre"),
-    "green": word_set("green lagrange lagrangian gl"),
-    "": word_set("engineering eng nominal technische"),
-}
-_STRESS_MEASURES: Mapping[str, frozenset[str]] = {
-    "true": word_set("true cauchy wahre"),
-    "pk2": word_set("pk2 2pk spk second 2nd"),
-    "": word_set("engineering eng nominal pk1 1pk first 1st technische"),
-}
-SHEAR = word_set("shear scherung schub schubspannung gamma")
-_BIAXIAL = word_set("biaxial equibiaxial")
+WORDS = _sets(_TABLES["words"])
+"""Words that show what a column is besides its quantity."""
+_MEASURES = {kind: _sets(table) for kind, table in _TABLES["measures"].items()}
 
 
 def words_of(name: str) -> tuple[str, ...]:
@@ -208,8 +99,8 @@ def rank_of(
     if score <= 0.0 or (is_odd and kind_of(shown) not in (None, "other")):
         return None
     known = {*names}
-    is_commanded = bool(COMMANDED & known) and score >= 1.0
-    n_forms = len(FILTERED & known) + bool(_ASIDE & known)
+    is_commanded = bool(WORDS["commanded"] & known) and score >= 1.0
+    n_forms = len(WORDS["filtered"] & known) + bool(WORDS["aside"] & known)
     return Rank(is_odd, is_commanded, -score, (n_forms, *of_words))
 
 
@@ -237,7 +128,7 @@ def pick(columns: Sequence[Column], role: str) -> Picked | None:
             c
             for c in columns
             if factor_of(c, kind) is not None
-            and not (has_role(words_of(c.name), role) or COMMANDED & {*words_of(c.name)})
+            and not (has_role(words_of(c.name), role) or WORDS["commanded"] & {*words_of(c.name)})
         ]
         if len(alone) != 1 or role in ("stretch", "strain"):
             return None
@@ -257,7 +148,8 @@ def pick(columns: Sequence[Column], role: str) -> Picked | None:
 def spread_of(columns: Sequence[Column], role: str) -> Picked | None:
     """The one column that is the standard deviation of a role; None where none is, or several are."""
     named = ((column, words_of(column.name)) for column in columns)
-    found = [c for c, words in named if SPREADS & {*words} and {*map(_simple, words)} & {*ROLES[role].words}]
+    spread = ((column, words) for column, words in named if WORDS["spread"] & {*words})
+    found = [column for column, words in spread if {*map(_simple, words)} & {*ROLES[role].words}]
     return Picked(found[0], factor_of(found[0], ROLES[role].kind)) if len(found) == 1 else None
 
 
@@ -275,7 +167,10 @@ def _ranked(columns: Sequence[Column], role: str) -> list[tuple[Rank, str, Colum
     for column in columns:
         words, known = words_of(column.name), ROLES[role].words
         places = [known.index(word) for word in map(_simple, words) if word in known]
-        if places and np.isfinite(column.values).any() and not _NO_VALUES & {*words}:
+        is_error = bool((WORDS["spread"] | WORDS["uncertainty"]) & {*words})
+        if has_role(words, role) and {known[place] for place in places} <= {"z", "shear"}:
+            continue  # Torque Z, Shear Stress
+        if places and not is_error and np.isfinite(column.values).any():
             found.append((rank_of(words, column, role, 2.0, len(words), min(places)), column.name, column))
     return sorted((rank, name, column) for rank, name, column in found if rank is not None)
 
@@ -311,11 +206,11 @@ def test_of(strain: Column, stress: Column, columns: Sequence[Column]) -> Test:
     questions = [
         f"{column.name}: palpate does not convert a measure '{word}'; give nominal stress over stretch"
         for column, words in ((strain, along), (stress, of))
-        for word in sorted(words & _UNCERTAIN)
+        for word in sorted(words & WORDS["not_converted"])
     ]
     measure, kind = (
-        [name for name, words in table.items() if words & names]
-        for table, names in ((_STRAIN_MEASURES, along), (_STRESS_MEASURES, of))
+        ["" if name == "nominal" else name for name, words in _MEASURES[of_which].items() if words & names]
+        for of_which, names in (("strain", along), ("stress", of))
     )
     if not kind and "kirchhoff" in of:
         kind = [] if "piola" in of else ["true"]  # Kirchhoff's stress is J σ, and J is 1
@@ -327,20 +222,20 @@ def test_of(strain: Column, stress: Column, columns: Sequence[Column]) -> Test:
         if len(found) > 1:
             questions.append(f"{column.name}: the name has two measures; write one in the settings")
     mode = "uniaxial"
-    if both & SHEAR:
+    if both & WORDS["shear"]:
         mode = "pure_shear" if {"pure", "planar"} & both else "simple_shear"
     elif {"planar"} & both:
         mode = "pure_shear"
-    elif both & _BIAXIAL:
+    elif both & WORDS["biaxial"]:
         mode = "equibiaxial"
     elif "confined" in both and "unconfined" not in both:
         mode = "confined_compression"
-    is_open = mode == "uniaxial" and not both & TENSILE
+    is_open = mode == "uniaxial" and not both & WORDS["tensile"]
     others = [(one.values, {*words_of(one.name)}) for one in columns if is_open]
     named = both.union(
         *(words for _, words in others if words & {"load", "force", "kraft", "last"} and "cell" not in words)
     )
     gaps = [values for values, words in others if "gap" in words]
     is_compressive = mode == "confined_compression" or any(gap[-1] < gap[0] for gap in gaps)
-    is_compressive |= bool(named & _COMPRESSIVE)
+    is_compressive |= bool(named & WORDS["compressive"])
     return Test(mode, next(iter(measure), ""), next(iter(kind), ""), is_compressive, tuple(questions))

@@ -1,6 +1,6 @@
 """Curves and homogeneous tests that are no log, recognised by their columns and proposed for their loader."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -12,10 +12,10 @@ from palpate.api.files import Column, kind_of
 from palpate_indentation.api import CsvLoader, problem_of, units_of
 from palpate_robot_log.processing.contact import place_of_contact
 from palpate_robot_log.reading.names import (
-    SHEAR,
-    TENSILE,
+    WORDS,
     Picked,
     Test,
+    has_role,
     pick,
     rivals,
     spread_of,
@@ -34,8 +34,6 @@ _AT_REST = 0.02
 
 _MOST = (10.0, 90.0)
 """Percentiles between which most rows are, without the begin of a creep test."""
-_OF_CANTILEVER = frozenset(("z", "height", "piezo", "deflection", "cantilever"))
-"""Words of the lengths of an atomic force microscope, of which none alone is a depth."""
 _TRAVEL_MM = 10.0
 """Length to which a travel of any unit is scaled where first contact is sought."""
 _FEWEST_ROWS, _FEWEST_FREE = 20, 8
@@ -99,7 +97,9 @@ def _unnamed(columns: Sequence[Column]) -> Proposal | None:
         return specimen
     names = [column.name for column in columns]
     ask = f"{', '.join(names)}: which is the depth, and which the force? name them, with factors to mm and N"
-    if any(kind_of(column.shown_unit) == "time" for column in columns) and len(columns) == 2:
+    if (stress := pick(columns, "stress")) is not None:
+        ask = f"{stress.column.name}: a test needs strain or stretch next to stress; add its column"
+    elif all(_is_time(column) or has_role(words_of(column.name), "travel") for column in columns):
         ask = f"{', '.join(names)}: a curve needs depth and force at each time; log both"
     channels = {
         "abscissa": {"name": names[-2], "scale": "factor to mm"},
@@ -108,7 +108,27 @@ def _unnamed(columns: Sequence[Column]) -> Proposal | None:
     return Proposal(entries=_entries({"force": channels}), questions=(ask,))
 
 
+def _is_time(column: Column) -> bool:
+    return kind_of(column.shown_unit) == "time" or bool(WORDS["time"] & {*words_of(column.name)})
+
+
 # ------------------------------------------------------------------------ a press
+
+
+_PLAUSIBLE = {"travel": (0.02, 500.0), "force": (2e-3, 5e3)}
+"""Ranges of a travel [mm] and a force [N] beyond which a column without a unit is not in these."""
+
+
+def _unit_of(one: Picked, role: str) -> tuple[str, str]:
+    """Question for the unit of a column, or a remark on the one that is assumed."""
+    if one.factor is not None or one.column.shown_unit:
+        return one.question(role), ""
+    least, most = _PLAUSIBLE.get(role, (0.0, np.inf))
+    span = float(np.ptp(one.column.values[np.isfinite(one.column.values)]))
+    if least <= span <= most:
+        return "", f"check the unit of {one.column.name}: {unit_of(role)} is assumed"
+    ask = f"spans {span:.4g} and shows no unit; give scale, the factor to {unit_of(role)}"
+    return f"{one.column.name} {ask}", ""
 
 
 def _curves(columns: Sequence[Column]) -> Proposal | None:
@@ -123,11 +143,10 @@ def _curves(columns: Sequence[Column]) -> Proposal | None:
             continue
         remarks += [*along.remarks, *of.remarks]
         for role, one in zip(roles, (along, of), strict=True):
-            if question := one.question(role):
-                questions.append(question)
-            elif one.factor is None:
-                remarks.append(f"check the unit of {one.column.name}: {unit_of(role)} is assumed")
-        bent = [column.name for column in columns if _OF_CANTILEVER & {*words_of(column.name)}]
+            question, remark = _unit_of(one, role)
+            questions += [question] * bool(question)
+            remarks += [remark] * bool(remark)
+        bent = [column.name for column in columns if WORDS["cantilever"] & {*words_of(column.name)}]
         if along.column.name in bent and len(bent) > 1:
             ask = "depth is the way less the deflection of the cantilever"
             questions.append(f"{', '.join(bent)}: {ask}; add a column of it")
@@ -148,8 +167,8 @@ def _curves(columns: Sequence[Column]) -> Proposal | None:
     if not channels:
         return Proposal(questions=tuple(questions)) if questions else None
     names = {word for column in columns for word in words_of(column.name)}
-    if names & (TENSILE | SHEAR) and FORCE.name in channels:
-        return _specimen(columns, "simple_shear" if names & SHEAR else "uniaxial")
+    if names & (WORDS["tensile"] | WORDS["shear"]) and FORCE.name in channels:
+        return _specimen(columns, "simple_shear" if names & WORDS["shear"] else "uniaxial")
     return Proposal(entries=_entries(channels), remarks=tuple(remarks), questions=tuple(questions))
 
 
@@ -249,6 +268,21 @@ def _approach(travel: FloatArray, force: FloatArray) -> float:
 # ------------------------------------------------------------------ a homogeneous test
 
 
+def _open(along: Picked, stress: Picked, columns: Sequence[Column], *, is_stretch: bool) -> Iterator[str]:
+    """Questions for units that a test does not show, and for a test that is not one of loading."""
+    yield from filter(None, (stress.question("stress"), along.question("strain")))
+    spread = np.ptp(np.nanpercentile(stress.column.values, _MOST))
+    if not spread > _AT_REST * np.nanmax(abs(stress.column.values)):
+        yield f"{stress.column.name} hardly changes, as in creep: give a test of loading"
+    if stress.factor is None and not stress.column.shown_unit:
+        yield f"{stress.column.name} shows no unit of stress: give scale, the factor to MPa"
+    largest = float(np.nanmax(np.abs(along.column.values), initial=0.0))
+    if along.factor is None and not along.column.shown_unit and not is_stretch and largest > 10.0:
+        yield f"{along.column.name} goes to {largest:.4g}: in percent? give scale, 0.01 or 1"
+    if WORDS["oscillation"] & {word for column in columns for word in words_of(column.name)}:
+        yield f"{stress.column.name}: amplitudes of an oscillation are no curve; give a test of loading"
+
+
 def _homogeneous(columns: Sequence[Column]) -> Proposal | None:
     """Stress of a homogeneous test over its stretch, strain or shear; None without both."""
     stress, along = pick(columns, "stress"), pick(columns, "stretch") or pick(columns, "strain")
@@ -268,15 +302,7 @@ def _homogeneous(columns: Sequence[Column]) -> Proposal | None:
         "ordinate": _column(stress, signs[1]),
     }
     columns_of |= {key: of for key, of in (("strain", test.strain), ("stress", test.stress)) if of}
-    questions = [*test.questions, *filter(None, (stress.question("stress"), along.question("strain")))]
-    spread = np.ptp(np.nanpercentile(stress.column.values, _MOST))
-    if not spread > _AT_REST * np.nanmax(abs(stress.column.values)):
-        questions.append(f"{stress.column.name} hardly changes, as in creep: give a test of loading")
-    if stress.factor is None and not stress.column.shown_unit:
-        questions.append(f"{stress.column.name} shows no unit of stress: give scale, the factor to MPa")
-    largest = float(np.nanmax(np.abs(along.column.values), initial=0.0))
-    if along.factor is None and not along.column.shown_unit and not is_stretch and largest > 10.0:
-        questions.append(f"{along.column.name} goes to {largest:.4g}: in percent? give scale, 0.01 or 1")
+    questions = [*test.questions, *_open(along, stress, columns, is_stretch=is_stretch)]
     if test.stress and is_nominal:
         remarks = [*remarks, f"check {along.column.name}: a nominal strain is assumed"]
     measures: Any = (test.strain or "stretch", test.stress or "nominal")

@@ -13,16 +13,11 @@ from palpate.api.files import Column, kind_of
 from palpate_robot_log.measures import LARGEST_DEVIATION, off_turn, off_unit
 from palpate_robot_log.reading.channel_map import NO_COLUMN
 from palpate_robot_log.reading.names import (
-    COMMANDED,
-    COUNTERS,
-    MEASURED,
     ROLES,
-    SPECIMENS,
-    TIME_WORDS,
+    WORDS,
     Rank,
     has_role,
     rank_of,
-    word_set,
     words_of,
 )
 from palpate_robot_log.reading.raw import Stream
@@ -35,12 +30,7 @@ _TURNS = {"roll": "x", "pitch": "y", "yaw": "z", "alpha": "x", "beta": "y", "gam
 _ANGLES = ("abc", "wpr")
 """Letters of three angles in degrees: A, B, C of KUKA, Doosan and others, and W, P, R of Fanuc."""
 
-WRENCH_WORDS = word_set("wrench ft force f sensor")
-_POSE_WORDS = word_set("pose tcp transform")
-_OF_MOTION = word_set("vel velocity speed twist acc accel acceleration omega gyro jerk error")
-"""Words of vectors that a press has no use for."""
-_IN_BASE = word_set("base o world actual")
-"""Words of a wrench in the base frame: O_F_ext_hat_K of Franka, actual_TCP_force of Universal Robots."""
+WRENCH_WORDS = WORDS["wrench"] | WORDS["six"]
 ORDER = "the order of the columns of {}: x, y, z by their numbers is assumed"
 
 _STAMPS = {"sec": "nanosec", "secs": "nsecs"}
@@ -119,7 +109,20 @@ def groups_of(stream: Stream) -> list[Group]:
         if columns:
             taken |= {column.name for column in columns}
             groups.append(Group(stream.name, words, tuple(columns), is_indexed))
-    return groups
+    return [_as_moment(group) if _turns_of_force(group, groups) else group for group in groups]
+
+
+def _turns_of_force(group: Group, groups: Sequence[Group]) -> bool:
+    """Whether a group is the turns of a vector of force: TCPForce_rx next to TCPForce_x, ft_a to ft_x."""
+    *words, last = group.words or ("",)
+    are_of_force = last in ("r", "abc") and bool({*words} & (ROLES["force"].vector | WORDS["wrench"]))
+    return are_of_force and any(each.words == (*words,) for each in groups)
+
+
+def _as_moment(group: Group) -> Group:
+    """Moment about x, y and z by turns of a force; KUKA's A is about z, B about y and C about x."""
+    order = -1 if group.words[-1] == "abc" else 1
+    return group._replace(words=("moment",), columns=group.columns[::order])
 
 
 def _splits(words: tuple[str, ...]) -> Iterator[tuple[int, tuple[str, ...], str]]:
@@ -156,7 +159,7 @@ _ANY = frozenset[str]()
 SHAPES: tuple[tuple[int, frozenset[str], Callable[[FloatArray], bool] | None, tuple[_Part, ...]], ...] = (
     (4, _ANY, _are_units, (("orientation", _ALL, 4.0, "quaternion"),)),
     (6, WRENCH_WORDS, None, (("force", _HEAD, 2.0, ""), ("moment", _TAIL, 2.0, ""))),
-    (6, _POSE_WORDS, None, (("position", _HEAD, 1.5, ""), ("orientation", _TAIL, 1.5, "angles"))),
+    (6, WORDS["pose"], None, (("position", _HEAD, 1.5, ""), ("orientation", _TAIL, 1.5, "angles"))),
     (7, _ANY, _are_units, (("position", _HEAD, 2.0, ""), ("orientation", _TAIL, 4.0, "quaternion"))),
     (9, _ANY, _are_turns, (("orientation", _ALL, 3.0, "rotation_matrix"),)),
 )
@@ -169,16 +172,16 @@ Each has the number of columns, words of which a group has one, the test of its 
 def possible(group: Group, *, is_turned: bool, t_is_moment: bool) -> Iterator[tuple[str, Guess]]:
     """Possible meanings of a group with their ranks; ``is_turned`` where angles are named as its x, y, z."""
     n_columns, words = len(group.columns), {*group.words}
-    if words & _OF_MOTION or (group.is_indexed and SPECIMENS & {*group.words[-1:]}):
+    if words & WORDS["motion"] or (group.is_indexed and WORDS["specimen"] & {*group.words[-1:]}):
         return
     if n_columns == 16:
         yield from _of_transform(group)
     parts: Iterable[_Part] = ()
     if n_columns == 3:
+        if words & WORDS["wrench"] and not any(words & ROLES[each].vector for each in QUANTITIES):
+            words = words | {"force"}
         if "t" in words and not t_is_moment:  # a tracker's translation, next to a moment M
             words = words - {"t"} | {"translation"}
-        if words & ROLES["force"].vector and is_turned and group.words[-1:] == ("r",):  # TCPForce_rx
-            words = words - ROLES["force"].vector - ROLES["orientation"].vector | {"moment"}
         parts = _of_three(group.columns[0], words, is_turned=is_turned)
     for n_parts, its_words, holds, its_parts in SHAPES:
         if n_columns != n_parts or not (words & its_words or not its_words) or parts:
@@ -191,13 +194,15 @@ def possible(group: Group, *, is_turned: bool, t_is_moment: bool) -> Iterator[tu
         if rank is None:
             continue
         check = (ORDER.format(quantity),) if n_columns > 4 and not form else ()
+        if quantity == "moment" and words_of(columns[0].name)[-1:] == ("c",):
+            check = ("the letters of the moment: C is taken for x, B for y and A for z, as of KUKA",)
         first, *others = (
             Guess(
                 entry=entry,
                 stream=group.stream,
                 rank=rank,
-                is_in_base=bool(words & _IN_BASE),
-                is_commanded=bool(words & COMMANDED),
+                is_in_base=bool(words & WORDS["base_frame"]),
+                is_commanded=bool(words & WORDS["commanded"]),
                 to_check=check,
             )
             for entry in _entries(group, columns, form)
@@ -216,7 +221,7 @@ def _of_three(column: Column, words: Set[str], *, is_turned: bool) -> Iterator[_
             if is_turned:
                 score = 2.0
             elif not is_other and not is_named:
-                score = 1.5 if words & MEASURED else 0.5 if words else 1.0
+                score = 1.5 if words & WORDS["measured"] else 0.5 if words else 1.0
         yield quantity, _ALL, score, "angles" if quantity == "orientation" else ""
 
 
@@ -320,10 +325,10 @@ def _time_score(column: Column) -> float:
         return 0.0
     usual = float(np.median(steps[steps > 0.0]))
     evenness = float(np.mean(np.abs(steps - usual) < 0.5 * usual))
-    is_named = 2.0 * bool(words & TIME_WORDS) + 2.0 * bool(shown)
+    is_named = 2.0 * bool(words & WORDS["time"]) + 2.0 * bool(shown)
     if is_named or any(word.endswith(("time", "zeit")) for word in words):
         return is_named + 1.0 + evenness
-    is_counter = bool(words & COUNTERS) or bool(np.all(steps == 1.0))
+    is_counter = bool(words & WORDS["counter"]) or bool(np.all(steps == 1.0))
     is_other = is_counter or has_role([*words]) or bool(words & {*"xyz"})
     return evenness if evenness > 0.99 and not is_other else 0.0
 

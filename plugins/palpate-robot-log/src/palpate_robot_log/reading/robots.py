@@ -3,6 +3,7 @@
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import partial
+from itertools import chain
 from typing import Any
 
 import numpy as np
@@ -11,7 +12,7 @@ from palpate.api import FloatArray
 from palpate.api.files import HEXADECIMAL, Column
 from palpate_robot_log.press_measures import OTHER_SIDE
 from palpate_robot_log.reading.channel_map import NO_COLUMN
-from palpate_robot_log.reading.names import ROLES, Picked, factor_of, pick, words_of
+from palpate_robot_log.reading.names import ROLES, WORDS, Picked, factor_of, pick, words_of
 from palpate_robot_log.reading.proposal import Entry, Proposal
 from palpate_robot_log.reading.quantities import (
     QUANTITIES,
@@ -64,15 +65,12 @@ def propose(log: RawLog) -> LogGuess:
         for group in groups
         if ROLES["orientation"].vector & {*group.words[-1:]}
     }
-    has_moment = any(
-        (ROLES["moment"].vector - {"t"}) & {*group.words}
-        or (len(group.columns) == 6 and WRENCH_WORDS & {*group.words})
-        for group in groups
-    )
+    named, six = ({*chain(*(group.words for group in groups if len(group.columns) == n))} for n in (3, 6))
+    has_force = bool((ROLES["force"].vector | WORDS["wrench"]) & named)
+    has_moment = bool((ROLES["moment"].vector - {"t"}) & named or WRENCH_WORDS & six)
     for group in groups:
-        has_axes = group.words[-1:] == ("r",) and any(each.words == group.words[:-1] for each in groups)
-        is_turned = (group.stream, group.words) in turned or has_axes
-        for quantity, guess in possible(group, is_turned=is_turned, t_is_moment=not has_moment):
+        is_turned = (group.stream, group.words) in turned
+        for quantity, guess in possible(group, is_turned=is_turned, t_is_moment=has_force and not has_moment):
             found[quantity].append(guess)
     ranked = {quantity: _ranked(quantity, guesses) for quantity, guesses in found.items() if guesses}
     if "position" in ranked and "force" not in ranked:
