@@ -14,7 +14,7 @@ from palpate.domain import (
 from palpate.domain.indenter import Sphere
 from palpate.domain.waypoints import Waypoints
 from palpate.fit.fitted import Fitted
-from palpate_prediction.bands import ends, linear, values_at
+from palpate_prediction.bands import ends, linear, values_at, with_model_error
 from palpate_prediction.summary import (
     QUANTITIES,
     PressStates,
@@ -80,6 +80,27 @@ def test_a_linear_band_follows_the_slopes(space):
     slippery = replace(curve, slopes={**curve.slopes, "friction": [0, 0, 10]})
     lower, upper = ends(linear(slippery, best, 201 * [best], space, friction_sd=0.05))
     np.testing.assert_allclose(upper - lower, [0, 0, 2 * 1.645 * 0.5], rtol=0.02)
+
+
+def test_a_band_holds_new_curves_whose_law_is_wrong_by_as_much_as_the_fitted_ones():
+    sizes = {0.2: 0.03, 0.8: 0.04}
+    errors = pl.DataFrame([{"channel": "force", "length": n, "sd": sd} for n, sd in sizes.items()])
+    depths = np.linspace(0.0, 5.0, 21)
+    curve = Curve(channel="force", abscissa=depths, ordinate=depths**1.5)
+    alone = np.tile(curve.ordinate, (200, 1))
+    lower, upper = ends(with_model_error(alone, curve, errors))
+    size = 1.645 * np.hypot(0.03, 0.04) * curve.ordinate
+    np.testing.assert_allclose([curve.ordinate - lower, upper - curve.ordinate], [size, size], rtol=0.15)
+    # Other laws: each differs along the path as the covariance has it.
+    rng, apart = np.random.default_rng(1), np.abs(depths[:, None] - depths) / 5.0
+    along = sum(sd**2 * (1.0 + 3**0.5 * apart / n) * np.exp(-(3**0.5) * apart / n)
+                for n, sd in sizes.items())  # fmt: skip
+    true = curve.ordinate * (1.0 + rng.multivariate_normal(np.zeros(21), along, size=2000))
+    inside = ((lower <= true) & (true <= upper))[:, 1:].mean()
+    assert inside == pytest.approx(0.9, abs=0.02)
+    assert with_model_error(alone, curve, errors.clear()) is alone
+    other = with_model_error(alone, replace(curve, channel="moment"), errors)
+    np.testing.assert_array_equal(other, with_model_error(alone, curve, errors))
 
 
 def hertzian(stiffness=1.0):

@@ -153,7 +153,7 @@ def test_a_force_that_is_not_reached_is_reported_and_has_a_band(predict):
     rows = {row["quantity"]: row for row in found["summary"]}
     assert rows["normal force"]["linear_upper"] == pytest.approx(rows["normal force"]["linear_lower"])
     assert rows["depth"]["linear_lower"] < rows["depth"]["linear_upper"]
-    (errors,) = [text for text in found["notes"] if text.startswith("Errors of the mesh")]
+    (errors,) = [text for text in found["notes"] if text.startswith("Mesh error")]
     assert "depth 3 %" in errors
     assert "normal force" not in errors
 

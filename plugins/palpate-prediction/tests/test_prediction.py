@@ -9,6 +9,7 @@ import numpy as np
 import polars as pl
 import pytest
 
+from palpate.answer.words import Adequacy
 from palpate.domain import (
     Job,
     Limb,
@@ -27,6 +28,7 @@ from palpate.plugins.interfaces import Solver
 from palpate.plugins.provides import Provides
 from palpate.progress import SILENT
 from palpate.run.directory import RunDirectory
+from palpate.stages.pipeline import run_study
 from palpate.stages.stage import Run, read_run
 from palpate.study.tool import read_tool
 from palpate_materials.neo_hookean import NeoHookean
@@ -186,6 +188,42 @@ def test_meshes_are_refined_under_a_tool_where_nothing_else_is_said(
     if finer:
         edges_mm = [contact_edge_mm(limb, tool.protocol.reach_mm) for limb in limbs.values()]
         assert edges_mm[0] < tool.protocol.reach_mm / 3.0 < edges_mm[1]
+
+
+@pytest.mark.slow
+def test_bands_of_a_law_that_approximates_hold_the_true_curves(
+    make_study, tissue, plugins, tmp_path, monkeypatch
+):
+    """Force over depth has another power than the law has."""
+    true = {spot: tissue.answer(k, 20.0) for spot, k in (("p1", 0.4), ("p2", 0.41))}
+    for spot, response in true.items():
+        force = response["force"]
+        force = replace(force, ordinate=force.ordinate * (force.abscissa / 5.0) ** 0.25)
+        true[spot] = Response(curves={**response.curves, "force": force})
+        rows = [f"{n},{x!r},{y!r}\n" for n, c in true[spot].curves.items()
+                for x, y in zip(c.abscissa.tolist(), c.ordinate.tolist(), strict=True)]  # fmt: skip
+        (tmp_path / f"{spot}.csv").write_text("".join(rows))
+    monkeypatch.setattr(Pressed, "answer", staticmethod(tissue.answer))
+    study = make_study(solver=Pressed(), n_sets=0, search=LeastSquares())
+    study = replace(study, scenarios=study.scenarios[:1])
+    run_study(study, tmp_path / "run", plugins)
+    tool = read_tool(tool_file(tmp_path), study, plugins)
+
+    def inside():
+        found = run_prediction(study, RunDirectory(tmp_path / "run"), tool, plugins, SILENT)
+        assert found.verdict is Adequacy.APPROXIMATES
+        rows = found.curves.filter(channel="force").sort("spot", "point")
+        ordinates = np.concatenate([response["force"].ordinate for response in true.values()])
+        held = (rows["lower"].to_numpy() <= ordinates) & (ordinates <= rows["upper"].to_numpy())
+        return held[ordinates > 0.05 * ordinates.max()].mean(), notes(found, "")
+
+    share, texts = inside()
+    assert any(
+        re.match(r"Model error \(standard deviation over the peak\): force [\d.]+ %", t) for t in texts
+    )
+    monkeypatch.setattr(predict, "with_model_error", lambda lines, *_: lines)
+    alone, _ = inside()
+    assert alone < 0.85 < 0.9 <= share
 
 
 @pytest.mark.slow
@@ -424,7 +462,9 @@ def test_a_spot_that_the_fit_leaves_out_has_the_values_of_its_state():
     (name,) = space.names
     stored = SimpleNamespace(study=SimpleNamespace(space=space, parametrisation=StandardParametrisation()))
     found = SimpleNamespace(spots=("p1", "p2"))
-    plan = _Plan(stored=stored, pressed=None, tool=None, found=found, spot="p3", channels=())
+    plan = _Plan(
+        stored=stored, pressed=None, tool=None, found=found, spot="p3", channels=(), model_errors=None
+    )
     thetas = plan.thetas({f"{name}@rest": 0.01, f"{name}@tense": 0.03})
     assert thetas["muscle"][0] == pytest.approx(space.thetas(np.array([0.03]))["muscle"][0])
     with pytest.raises(StudyError, match=r"first state's times stiffness.muscle@tense"):

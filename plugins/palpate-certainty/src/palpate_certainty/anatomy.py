@@ -12,14 +12,7 @@ import numpy as np
 import scipy
 
 from palpate.api import FloatArray, IntArray, Limb, Mesh
-from palpate.api.mesh import (
-    CELLS,
-    layer_of,
-    nodes_of_regions,
-    outer_faces,
-    spot_axes,
-    surface_normals,
-)
+from palpate.api.mesh import CELLS, layer_of, nodes_of_regions, outer_faces, spot_axes, surface_normals
 from palpate.api.runs import Study, mesh_note
 from palpate_certainty.assumptions import ASSUMED
 

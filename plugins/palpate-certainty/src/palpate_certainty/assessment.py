@@ -23,15 +23,7 @@ from palpate.api import (
 from palpate.api.executors import StoppedError
 from palpate.api.fit import Adequacy, Case, Fit, channel_of
 from palpate.api.runs import Study, relaxation_of
-from palpate_certainty.adequacy import (
-    Check,
-    Closeness,
-    checks,
-    closeness_of,
-    is_beyond,
-    misfits,
-    shape_of,
-)
+from palpate_certainty.adequacy import Check, Closeness, checks, closeness_of, is_beyond, misfits, shape_of
 from palpate_certainty.assumptions import ASSUMED
 from palpate_certainty.error_sources import (
     MESH,

@@ -50,6 +50,14 @@ DECLARED: Mapping[str, Mapping[str, StageTable]] = MappingProxyType(
                     ),
                 },
             ),
+            "model_errors": StageTable(
+                "Model error of each fitted channel: a process along the path.",
+                {
+                    **common("fit", "scenario", "channel"),
+                    "length": TableColumn("Correlation length, in ranges of the abscissa."),
+                    "sd": TableColumn("Standard deviation over the largest ordinate reached so far."),
+                },
+            ),
             "draws": StageTable("Draws from the density of each fit.", common("fit", "scenario"), SEARCHED),
             "between_spots": StageTable(
                 "Differences between spots beyond their errors, by parameter that the spots share.",
@@ -154,9 +162,7 @@ DECLARED: Mapping[str, Mapping[str, StageTable]] = MappingProxyType(
                 {**PLANE, **common("fopt")},
             ),
         },
-        "identifiability": {
-            "identifiability": ASSESSED["identifiability"],
-        },
+        "identifiability": {"identifiability": ASSESSED["identifiability"]},
     }
 )
 """Tables by stage."""

@@ -167,12 +167,7 @@ class _Curves:
     ranked: pl.DataFrame
 
     def case(
-        self,
-        label: str,
-        scenario: Scenario,
-        spots: Sequence[str],
-        best: Mapping[str, Any],
-        fit: FitResult,
+        self, label: str, scenario: Scenario, spots: Sequence[str], best: Mapping[str, Any], fit: FitResult
     ) -> "_Case":
         """Collect the fits of some spots together in a scenario."""
         rows = self.ranked.filter(pl.col("scenario") == scenario.name, pl.col("spot").is_in(list(spots)))

@@ -191,11 +191,7 @@ class PosteriorSampling:
         chosen = _farthest(draws.points, known, len(box.names) + 2)
         checked = simulated.runs(chosen, slopes=self.study.solver.provides.slopes).ended
         return Posterior(
-            assessed=assessed,
-            density=density,
-            draws=draws,
-            checked=checked,
-            emulated=curves(checked.values),
+            assessed=assessed, density=density, draws=draws, checked=checked, emulated=curves(checked.values)
         )
 
     def _converged(self, found: Posterior, curves: EmulatedCurves) -> Posterior:

@@ -7,13 +7,7 @@ import numpy as np
 import polars as pl
 
 from palpate.api import Indentation, Limb, Progress, Refinement, Run, Stage, StudyError, Summary
-from palpate.api.fit import (
-    BestSet,
-    Case,
-    cases_of,
-    refinement,
-    reported_fits,
-)
+from palpate.api.fit import BestSet, Case, cases_of, refinement, reported_fits
 from palpate.api.runs import (
     FIRST_ANSWER,
     Files,

@@ -187,6 +187,7 @@ def certainty_tables(assessed: Sequence[Assessed], study: Study) -> dict[str, pl
         "parameter_combinations": _parameter_combinations,
         "adequacy": lambda each: _adequacy(each, study),
         "mesh_errors": lambda each: (_about(each) | row for row in each.mesh_errors),
+        "model_errors": _model_errors,
         "draws": _draws,
         "between_spots": _between_spots,
         "spot_draws": _spot_draws,
@@ -248,6 +249,14 @@ def _parameter_combinations(each: Assessed) -> Iterator[dict[str, Any]]:
             "relative_width": found.relative_width,
             "identifiability": word_of(found.relative_width),
         }
+
+
+def _model_errors(each: Assessed) -> Iterator[dict[str, Any]]:
+    noise = each.errors.noise
+    for number, size in noise.discrepancy.items():
+        row = _about(each) | {"channel": each.linear.channels[number]}
+        for length, share in noise.lengths(number).items():
+            yield row | {"length": length, "sd": size * float(np.sqrt(share))}
 
 
 def _draws(each: Assessed) -> Iterator[dict[str, Any]]:

@@ -28,11 +28,7 @@ class Excess(NamedTuple):
 
 
 EXCESS: Mapping[str, Excess] = MappingProxyType(
-    {
-        "hex8": Excess(0.129, 0.76, 1.67),
-        "tet10": Excess(0.057, 0.34, 0.82),
-        "tet4": Excess(0.165, 0.78, 1.44),
-    }
+    {"hex8": Excess(0.129, 0.76, 1.67), "tet10": Excess(0.057, 0.34, 0.82), "tet4": Excess(0.165, 0.78, 1.44)}
 )
 """The embedded solver without mean dilatation, against itself with it: a sphere pressed 0.4 R deep with
 friction 1 into blocks of 405 to 2,601 nodes (tet10: also 1.3 R into a forearm of 1,497 nodes), κ/μ of 5 to

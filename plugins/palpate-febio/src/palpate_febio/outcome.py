@@ -272,11 +272,7 @@ class Verification:
 
 
 def check_torque(
-    steps: Steps,
-    torque_Nmm: float,
-    run: Callable[[Steps], Verdict],
-    tolerance: float,
-    held_s: float = 0.0,
+    steps: Steps, torque_Nmm: float, run: Callable[[Steps], Verdict], tolerance: float, held_s: float = 0.0
 ) -> Verification:
     """Verification of a torque by one more run, with finer steps and a hold.
 

@@ -32,13 +32,7 @@ MOST_MEMORY_MB = 4_000.0
 
 
 READERS: Mapping[str, Callable[[Path], MeshFile | None]] = MappingProxyType(
-    {
-        ".inp": read_abaqus,
-        ".cdb": read_ansys,
-        ".msh": read_gmsh,
-        ".vtu": read_vtu,
-        ".vtk": read_legacy_vtk,
-    }
+    {".inp": read_abaqus, ".cdb": read_ansys, ".msh": read_gmsh, ".vtu": read_vtu, ".vtk": read_legacy_vtk}
 )
 """Readers of palpate, by suffix; meshio reads other formats, and files that such a reader leaves to it."""
 SUFFIXES = frozenset(

@@ -53,8 +53,7 @@ Size = Annotated[
     str | None, typer.Option(help="Edge length under the indenter; default: 0.28 of its radius.")
 ]
 Fine = Annotated[
-    bool,
-    typer.Option("--fine", help="Also write a finer mesh of each spot, of about three times the nodes."),
+    bool, typer.Option("--fine", help="Also write a finer mesh of each spot, of about three times the nodes.")
 ]
 
 

@@ -78,11 +78,7 @@ class SizeField:
 
 
 def run_ftetwild(
-    points_mm: FloatArray,
-    faces: IntArray,
-    size: SizeField,
-    tolerance_mm: float,
-    time_limit_s: float,
+    points_mm: FloatArray, faces: IntArray, size: SizeField, tolerance_mm: float, time_limit_s: float
 ) -> tuple[FloatArray, IntArray]:
     """Points (n, 3) and tetrahedra (m, 4) of positive volume that fill surfaces.
 
@@ -133,10 +129,7 @@ def _run_tool(
 
 
 def _ftetwild(
-    points: FloatArray,
-    faces: IntArray,
-    size: SizeField,
-    tolerance_mm: float,
+    points: FloatArray, faces: IntArray, size: SizeField, tolerance_mm: float
 ) -> tuple[FloatArray, IntArray]:
     """Points and tetrahedra by Hu et al. 2020, who take any triangles and keep to them within a tolerance."""
     os.chdir(tempfile.gettempdir())  # fTetWild leaves files where it runs

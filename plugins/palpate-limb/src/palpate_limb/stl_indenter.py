@@ -187,12 +187,10 @@ class StlSettings(Settings):
     )
     unit: str = Field(default="mm", description="Unit of the file's coordinates.")
     edge: Annotated[float, Quantity("mm")] = Field(
-        gt=0.0,
-        description="Radius by which edges are rounded; less than every rounding in the file.",
+        gt=0.0, description="Radius by which edges are rounded; less than every rounding in the file."
     )
     turn: Annotated[float, Quantity("deg")] = Field(
-        default=0.0,
-        description="Angle about the normal from the x axis of the spot's frame to the tool's.",
+        default=0.0, description="Angle about the normal from the x axis of the spot's frame to the tool's."
     )
 
     _sha256: str = PrivateAttr("")

@@ -246,11 +246,7 @@ def moved_to_contact(limb: Limb, radius_mm: float) -> tuple[Limb, float]:
 
 
 def curved(
-    points: FloatArray,
-    cells: IntArray,
-    on: Mapping[str, IntArray],
-    segment: Segment,
-    depths_mm: FloatArray,
+    points: FloatArray, cells: IntArray, on: Mapping[str, IntArray], segment: Segment, depths_mm: FloatArray
 ) -> FloatArray:
     """Points (n, 3) with those on a surface moved onto it, so that edges bend with them.
 

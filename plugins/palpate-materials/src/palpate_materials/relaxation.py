@@ -41,11 +41,7 @@ from palpate.api.fit import SpotInputs, StandardParametrisation, StandardSetting
 
 FORCE_OVER_TIME, TORQUE_OVER_TIME = (
     replace(
-        channel,
-        name=f"{channel.name}_over_time",
-        abscissa=TIME,
-        abscissa_label="time (s)",
-        dissipative=False,
+        channel, name=f"{channel.name}_over_time", abscissa=TIME, abscissa_label="time (s)", dissipative=False
     )
     for channel in (FORCE, TORQUE)
 )

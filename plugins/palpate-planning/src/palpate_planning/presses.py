@@ -55,12 +55,7 @@ from palpate_certainty.api import (
     spot_meshes,
 )
 from palpate_planning.candidates import CandidatePress
-from palpate_planning.information import (
-    ErrorSizes,
-    FisherInformation,
-    cause_name,
-    press_information,
-)
+from palpate_planning.information import ErrorSizes, FisherInformation, cause_name, press_information
 
 ONSET = "onset"
 """Kind of the cause that shifts the depth of a press."""

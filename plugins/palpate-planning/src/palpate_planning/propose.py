@@ -11,16 +11,7 @@ import scipy
 from palpate.api import SILENT, FloatArray, Limb, Parameter, Progress, Response, Run, Scenario, StudyError
 from palpate.api.experiment import abscissae_of
 from palpate.api.fit import Adequacy, Problem, Simulate, term_of
-from palpate.api.runs import (
-    Part,
-    Plugins,
-    RunDirectory,
-    Simulations,
-    Study,
-    Tool,
-    load_limbs,
-    locked_run,
-)
+from palpate.api.runs import Part, Plugins, RunDirectory, Simulations, Study, Tool, load_limbs, locked_run
 from palpate_certainty.api import Assessed, Columns, Laplace, SpotMesh, density_of, joint_assessed
 from palpate_planning.candidates import (
     PRESSURE,
@@ -217,10 +208,7 @@ class PlanningStage:
     progress: Progress = SILENT
 
     def run(
-        self,
-        presses: Sequence[CandidatePress],
-        options: PlanOptions,
-        limits: Mapping[str, Limit],
+        self, presses: Sequence[CandidatePress], options: PlanOptions, limits: Mapping[str, Limit]
     ) -> Proposal:
         """Simulate the presses at likely parameters, and choose one after the other.
 
@@ -365,11 +353,7 @@ def _expected(design: DesignProblem, goal: Goal, before: FloatArray) -> Expected
 
 
 def before_any_press(
-    study: Study,
-    scenario: Scenario,
-    simulate: Simulate,
-    abscissae: Mapping[str, str],
-    n_points: int,
+    study: Study, scenario: Scenario, simulate: Simulate, abscissae: Mapping[str, str], n_points: int
 ) -> tuple[DesignProblem, FloatArray]:
     """Knowledge of a study before its first press, and points (n_points, n_parameters) over its ranges.
 

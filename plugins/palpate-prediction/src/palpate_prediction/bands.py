@@ -9,7 +9,8 @@ import polars as pl
 import scipy
 
 from palpate.api import FRICTION, Curve, FloatArray, ParameterSpace, Simulation, StudyError
-from palpate.api.fit import STIFFNESS, Fitted, at_spot
+from palpate.api.fit import STIFFNESS, Fitted, at_spot, path_of
+from palpate_certainty.api import matern
 
 LEVEL = 0.90
 """Probability of a band."""
@@ -76,6 +77,22 @@ def linear(
     by_friction = curve.slopes.get(FRICTION, np.zeros(curve.ordinate.size))
     others = friction_sd * scores(len(drawn), 0)[:, None] * by_friction
     return np.asarray(curve.ordinate + flat @ slopes + others)
+
+
+def with_model_error(lines: FloatArray, curve: Curve, errors: pl.DataFrame) -> FloatArray:
+    """Draws (n_draws, n) of a new curve, each with a model error: a process along the path.
+
+    ``errors`` are rows of ``model_errors``; a channel that was not fitted has the errors of all channels.
+    """
+    if errors.is_empty() or not len(lines) or not np.ptp(curve.abscissa):
+        return lines
+    of_channel, path = errors.filter(channel=curve.channel), path_of(curve.abscissa)
+    known = (errors if of_channel.is_empty() else of_channel).select("length", "sd").iter_rows()
+    apart = np.abs(path[:, None] - path)
+    along = np.sum([sd**2 * matern(apart / length) for length, sd in known], axis=0)
+    root = np.linalg.cholesky(along + 1e-9 * along[0, 0] * np.eye(path.size))
+    drawn = np.stack([scores(len(lines), 2 + k) for k in range(path.size)], axis=1)
+    return np.asarray(lines + drawn @ root.T * np.maximum.accumulate(np.abs(curve.ordinate)))
 
 
 def scores(n: int, cause: int) -> FloatArray:

@@ -167,13 +167,12 @@ def notes(prediction: Prediction, notice: str) -> list[str]:
         lines.append(_in_time(float(tool.protocol.time_s[-1]), prediction.record_s))
     if prediction.n_draws and any(each.bands for each in prediction.spots.values()):
         lines.append(
-            f"90 % bands: {prediction.n_draws} draws of the fitted values, linearised around one "
-            "simulation, with the friction of the tool. Assumed: pressure and shear scale with force; the "
-            "contact area is fixed."
+            f"90 % bands hold 90 % of {prediction.n_draws} draws, linearised around one simulation. "
+            "Each draw has fitted values, a friction of the tool, a mesh error and a model error. "
+            "Assumed: pressure and shear scale with force; the contact area is fixed."
         )
-        lines += [
-            f"Errors of the mesh at {spot}: {_errors(each)}." for spot, each in prediction.spots.items()
-        ]
+        lines.append(_of_model(prediction.model_errors))
+        lines += [f"Mesh error at {spot}: {_errors(each)}." for spot, each in prediction.spots.items()]
         lines += [
             f"warning: at {spot} these errors come from [budget] alone, and may be far larger under another "
             f"tool: {each.mesh_unknown}."
@@ -198,6 +197,15 @@ def _in_time(motion_s: float, record_s: float) -> str:
     if motion_s <= record_s:
         return text
     return f"warning: {text} The experiment tells {record_s:.3g} s of it: later forces are an extrapolation."
+
+
+def _of_model(errors: pl.DataFrame) -> str:
+    """Sentence on the model error of the curves."""
+    if errors.is_empty():
+        return "warning: The bands lack the model error. Run `palpate run` again to store it in the run."
+    of = errors.group_by("channel", maintain_order=True).agg((pl.col("sd") ** 2).sum().sqrt())
+    sizes = (f"{in_words(name)} {100.0 * sd:.2g} %" for name, sd in of.iter_rows())
+    return f"Model error (standard deviation over the peak): {', '.join(sizes)}."
 
 
 def _errors(each: SpotPrediction) -> str:

@@ -10,6 +10,7 @@ import polars as pl
 from palpate.api import (
     FORCE,
     Channel,
+    Curve,
     FloatArray,
     Indentation,
     Job,
@@ -45,6 +46,7 @@ from palpate_prediction.bands import (
     frame_rows,
     linear,
     values_at,
+    with_model_error,
 )
 from palpate_prediction.summary import (
     QUANTITIES,
@@ -117,6 +119,8 @@ class Prediction:
 
     Parameters
     ----------
+    model_errors : DataFrame
+        Rows of the model error of each fitted channel; empty where none is known.
     record_s : float
         Time of the longest motion of the experiment, where the tissue relaxes; else 0.
     """
@@ -126,6 +130,7 @@ class Prediction:
     spots: Mapping[str, SpotPrediction]
     strains: pl.DataFrame
     n_draws: int
+    model_errors: pl.DataFrame
     verdict: Adequacy = Adequacy.DESCRIBES
     record_s: float = 0.0
 
@@ -169,10 +174,12 @@ def predict(stored: Run, tool: Tool, n_solved: int = 0) -> Prediction:
     experiment = _experiment(stored)
     limbs = refined_limbs(pressed, tool)
     observed = tuple(c for c in stored.channels.values() if c.columns <= set(study.solver.provides.columns))
+    errors = stored.current("model_errors")
+    errors = errors.filter(fit=found.fit, scenario=found.scenario) if errors.width else errors
     with Simulations(pressed, run.folder, limbs, stored.progress, stored.check_lock) as simulations:
         spots = {}
         for spot in pressed.spot_names:
-            plan = _Plan(stored, pressed, tool, found, spot, observed)
+            plan = _Plan(stored, pressed, tool, found, spot, observed, errors)
             spots[spot] = _at_spot(plan, simulations, values[spot], n_solved)
     strains = exceedances(experiment, {spot: each.simulation for spot, each in spots.items()})
     return Prediction(
@@ -181,6 +188,7 @@ def predict(stored: Run, tool: Tool, n_solved: int = 0) -> Prediction:
         spots=spots,
         strains=strains,
         n_draws=n_draws,
+        model_errors=errors,
         verdict=Adequacy(stored.answer().filter("reported")["model"][0]),
         record_s=study.record_s if study.relaxes else 0.0,
     )
@@ -234,6 +242,7 @@ class _Plan:
     found: Fitted
     spot: str
     channels: tuple[Channel, ...]
+    model_errors: pl.DataFrame
 
     def thetas(self, values: Mapping[str, float]) -> Thetas:
         """Textbook values of the materials; friction and offsets are the tool's own."""
@@ -258,6 +267,10 @@ class _Plan:
             return ASSUMED.relative * friction
         return sd / protocol.friction * friction
 
+    def off(self, lines: FloatArray, curve: Curve) -> FloatArray:
+        """Draws of a curve that are off by a model error each."""
+        return with_model_error(lines, curve, self.model_errors)
+
     def refinement(self, limbs: Mapping[str, Limb], depth_mm: float) -> float:
         """Size of the elements under the tool at a depth over that on the refined mesh."""
         near = self.tool.contact_mm(depth_mm)
@@ -281,14 +294,17 @@ def _at_spot(plan: _Plan, simulations: Simulations, known: SpotValues, n_solved:
     coarser = press_states(as_is, threshold) if as_is is not None and _both_end(simulation, as_is) else None
     ended = [s for s in solved if s.status is Status.OK and s.surface is not None]
     curves = simulation.response.curves
-    lines = {n: linear(c, best, drawn, space, plan.friction_sd) for n, c in curves.items()}
+    force = curves.get(FORCE.name)
+    lines = {n: plan.off(linear(c, best, drawn, space, plan.friction_sd), c) for n, c in curves.items()}
+    apart = None if force is None else plan.off(np.tile(force.ordinate, (len(ended), 1)), force)
     by_force = ends_by_force(plan.tool.protocol, simulation.status, pressed)
     errors = _mesh_errors(plan, simulations.limbs, simulation, pressed, as_is, coarser, by_force=by_force)
     summary = summary_rows(
         plan.spot,
         pressed,
-        stiffer_by(curves.get(FORCE.name), lines.get(FORCE.name)),
+        stiffer_by(force, lines.get(FORCE.name)),
         [press_states(each, threshold) for each in ended],
+        apart=stiffer_by(force, apart),
         by_force=by_force,
         coarser=coarser,
         mesh=errors.quantities,

@@ -277,6 +277,7 @@ def summary_rows(
     stiffer: FloatArray,
     solved: Sequence[PressStates],
     *,
+    apart: FloatArray | None = None,
     by_force: bool,
     mesh: Mapping[str, float] = NO_ERRORS,
     pressure_unit: str = "MPa",
@@ -284,7 +285,8 @@ def summary_rows(
 ) -> Iterator[dict[str, Any]]:
     """Value, ends of the linear band, and ends of the band of simulated draws, of each quantity at a spot.
 
-    ``coarser`` is of the fitted values on the mesh of the draws, where that is not the one of ``pressed``.
+    ``apart`` are factors (n_solved,) on forces of the simulated draws by their model errors. ``coarser`` is
+    of the fitted values on the mesh of the draws, where that is not the one of ``pressed``.
     """
     per_MPa = convert("1 MPa", pressure_unit)
     for quantity in QUANTITIES:
@@ -302,6 +304,9 @@ def summary_rows(
         if solved:
             share = 1.0 if coarser is None else change_by_mesh(value, coarser.value(quantity.attribute))
             values = np.array([each.value(quantity.attribute) for each in solved])
+            if apart is not None and value:
+                others = spread(pressed, quantity, apart, by_force=by_force, mesh=mesh)
+                values = values if others is None else values * others / value
             row |= {
                 f"solved_{end}": None if share is None else factor * share * float(at)
                 for end, at in zip(("lower", "upper"), ends(values), strict=True)
