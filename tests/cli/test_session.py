@@ -37,8 +37,15 @@ def test_a_frame_has_six_digits_and_dashes(printed: Printed) -> None:
 def test_a_wide_frame_of_few_rows_is_transposed(printed: Printed) -> None:
     printed.session.frame("Wide", pl.DataFrame({f"a_long_name_{i}": [i, i + 100] for i in range(20)}))
     lines = printed.lines()
-    assert lines[1] == ["a_long_name_0", "0", "100"]
-    assert lines[-1] == ["a_long_name_19", "19", "119"]
+    assert lines[1] == ["a", "long", "name", "0", "0", "100"]
+    assert lines[-1] == ["a", "long", "name", "19", "19", "119"]
+
+
+def test_heads_of_a_frame_are_words(printed: Printed) -> None:
+    columns = ("n_parameters", "difference_aicc", "r2_force", "press_s", "soft_tissue.c1", "value")
+    printed.session.frame("Laws", pl.DataFrame(dict.fromkeys(columns, [1] * 7)))
+    head = printed.lines()[1]
+    assert " ".join(head) == "parameters difference AICc R² force press (s) soft_tissue.c1 value"
 
 
 def test_a_long_frame_is_cut_with_a_note(printed: Printed) -> None:

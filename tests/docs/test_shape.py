@@ -18,8 +18,8 @@ ROOT = Path(__file__).parents[2]
 LONGEST_FILE = 500
 LONGEST_FUNCTION = 45
 MOST = {
-    "lines": 76_902,
-    "lines of the core": 33_316,
+    "lines": 76_889,
+    "lines of the core": 33_315,
     "classes": 655,
     "constants": 771,
     "long files": 0,

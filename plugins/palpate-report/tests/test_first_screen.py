@@ -6,7 +6,7 @@ from pathlib import Path
 import polars as pl
 import pytest
 
-from palpate.domain import Relaxation
+from palpate.domain import ParameterSpace, Relaxation
 from palpate.fit.least_squares import LeastSquares
 from palpate.plugins.catalogue import Plugins
 from palpate.plugins.sections import Fold, Table, Word
@@ -138,6 +138,9 @@ def test_each_searched_region_is_named_with_its_law():
     space = read_study(Path(plugins.studies["forearm-layered"].directory), plugins).space
     assert title_of(space, 1) == "Neo-Hookean skin and Yeoh soft tissue"
     assert title_of(space, 4) == "Neo-Hookean skin and Yeoh soft tissue, one set for all 4 spots"
+    known = [replace(r, searched=(), fixed=dict.fromkeys(r.full_names, 1.0)) for r in space.regions]
+    assert title_of(ParameterSpace(regions=tuple(known)), 1) == "Fixed material"
+    assert title_of(ParameterSpace(regions=tuple(known)), 4) == "One fixed material for all 4 spots"
 
 
 @pytest.mark.parametrize("end", ["lower", "upper"])

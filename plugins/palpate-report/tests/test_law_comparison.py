@@ -17,7 +17,7 @@ from palpate.api.mechanics import initial_moduli
 from palpate.api.runs import Plugins, read_study
 from palpate.cli.app import main
 from palpate_materials import Gent, MooneyRivlin, NeoHookean, Yeoh
-from palpate_report.answer.model_verdict import law_name
+from palpate_report.answer.law import law_name
 from palpate_report.comparison import TOO_FEW
 from palpate_report.law_comparison import FITTED, conclusion
 from palpate_report.law_studies import (
@@ -172,7 +172,9 @@ def test_a_region_that_is_not_searched_is_refused(rubber):
     ("word", "name"), [("arruda_boyce", "Arruda-Boyce"), ("neo_hookean", "neo-Hookean"), ("ogden-2", "Ogden")]
 )
 def test_texts_have_the_names_of_the_textbook(word, name):
-    assert law_name(laws_of(word, PLUGINS)[0].material) == name
+    (law,) = laws_of(word, PLUGINS)
+    assert law_name(law.material) == name
+    assert law.title == name + (" (2 terms)" if name == "Ogden" else "")
 
 
 def test_homogeneous_tests_of_a_law_start_no_worker(rubber):
@@ -290,11 +292,14 @@ def test_treloars_rubber_by_three_laws(rubber, capsys, monkeypatch):
     assert main(command) == 0
     found = json.loads(capsys.readouterr().out)
     laws = {each["law"]: each for each in found["tables"]["laws"]}
-    assert laws.keys() == set(named.split(","))
-    assert laws.pop("ogden-6")["status"] == "left out: 12 parameters need 60 points, and the curves have 53"
+    assert laws.keys() == {law.title for law in laws_of(named, PLUGINS)}
+    assert (
+        laws.pop("Ogden (6 terms)")["status"]
+        == "left out: 12 parameters need 60 points, and the curves have 53"
+    )
     # Nothing is wrong with the curves where another law describes them.
-    assert laws.pop("mooney_rivlin")["model"] == str(Adequacy.FAILS)
-    assert any(note.endswith("not describe the curves: mooney_rivlin.") for note in found["notes"])
+    assert laws.pop("Mooney-Rivlin")["model"] == str(Adequacy.FAILS)
+    assert any(note.endswith("not describe the curves: Mooney-Rivlin.") for note in found["notes"])
     assert not any("units" in note for note in found["notes"])
     tables = {file.stem: file.read_text() for file in Path("comparison/tables").glob("*.tex")}
     assert all(text.startswith("% WARNING: ") for text in tables.values())

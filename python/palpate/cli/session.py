@@ -196,13 +196,14 @@ class Session:
 
     def frame(self, title: str, frame: "pl.DataFrame") -> None:
         """Print a data frame as a table; a wide one of few rows is transposed."""
+        from palpate.plugins.sections import heading
+
+        heads = tuple(map(heading, frame.columns))
         rows = [tuple(map(cell, row)) for row in frame.head(MAX_ROWS).rows()]
-        widths = [max(map(len, column)) + 3 for column in zip(frame.columns, *rows, strict=True)]
+        widths = [max(map(len, column)) + 3 for column in zip(heads, *rows, strict=True)]
         if sum(widths) > self.stdout.width and len(rows) <= 6:
-            first, *others = zip(frame.columns, *rows, strict=True)
-            self.table(title, first, others)
-        else:
-            self.table(title, frame.columns, rows)
+            heads, *rows = zip(heads, *rows, strict=True)
+        self.table(title, heads, rows)
         if frame.height > MAX_ROWS:
             self.say(f"… {frame.height - MAX_ROWS} more rows")
 

@@ -213,20 +213,18 @@ class Section(Component[SettingsT]):
         return ()
 
 
-_MEASURES = {"nmse": "NMSE", "r2": "R²", "fopt": "Fopt"}
+_WORDS = {"nmse": "NMSE", "r2": "R²", "fopt": "Fopt", "aicc": "AICc", "bic": "BIC"}
 
 
 def heading(column: str) -> str:
     """Name of a column for people; the heading of a parameter is its name in the study."""
-    measure, _, name = column.partition("_")
-    if measure in _MEASURES:
-        return f"{_MEASURES[measure]} {name}".rstrip()
     if "." in column:
         return column
-    for suffix, unit in {"_s": " (s)", "_percent": " (%)"}.items():
-        if column.endswith(suffix):
-            return column.removesuffix(suffix).replace("_", " ") + unit
-    return column.replace("_", " ")
+    name, unit = column.removeprefix("n_"), ""
+    for suffix, of in {"_s": " (s)", "_percent": " (%)"}.items():
+        if name.endswith(suffix):
+            name, unit = name.removesuffix(suffix), of
+    return " ".join(_WORDS.get(word, word) for word in name.split("_")) + unit
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

@@ -81,6 +81,8 @@ def compare(
     With --materials the laws are fitted first, each by a study next to the given one, and ranked by AICc and
     by the error of held-out curves.
     """
+    from palpate_report.data.tables import TITLES
+
     session = Session.of(context)
     if materials is not None:
         made = _laws_compared(session, runs, materials, region, into)
@@ -91,7 +93,7 @@ def compare(
         session.json({**made, "tables": tables})
         return
     for name, table in made["tables"].items():
-        session.frame(name.capitalize(), table)
+        session.frame(TITLES[name], table)
     # The first note on laws concludes, and so comes last.
     notes = made["notes"] if materials is None else [*made["notes"][1:], *made["notes"][:1]]
     for note in notes:

@@ -79,12 +79,12 @@ def compare_laws(
     n_others = len(base.space.parameters) - len(base.space.columns_of(chosen.region))
     for law in laws:
         too_many = _too_many(first, law_studies.n_searched(law, known) + n_others)
-        fits.status[law.name] = too_many or FITTED
+        fits.status[law.title] = too_many or FITTED
         if law.material == chosen.material:
-            studies[law.name], fits.status[law.name] = (base, folder), FITTED
+            studies[law.title], fits.status[law.title] = (base, folder), FITTED
         elif not too_many:
             study = session.study(law_studies.write_law_study(base, chosen, law, known))
-            studies[law.name] = study, run_folder(study, None)
+            studies[law.title] = study, run_folder(study, None)
     session.note(_cost(session, [study for study, _ in studies.values() if study is not base], folder))
     for name, (study, run) in studies.items():
         try:

@@ -21,6 +21,7 @@ from palpate.api import (
 from palpate.api.files import toml_document, write_atomically
 from palpate.api.mechanics import MODES
 from palpate.api.runs import Plugins, RangeProposer, Study
+from palpate_report.answer.law import law_name
 
 ALL = "all"
 """Word for every isotropic law."""
@@ -44,6 +45,12 @@ class Law:
     name: str
     material: IsotropicMaterial[Any]
     settings: Mapping[str, Any]
+
+    @property
+    def title(self) -> str:
+        """Name in texts and tables, with the number of terms of a series."""
+        n = self.settings.get(TERMS)
+        return law_name(self.material) + (f" ({n} term{'s' if n > 1 else ''})" if n else "")
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

@@ -7,7 +7,7 @@ from palpate.api import ParameterName, ParameterSpace
 from palpate.api.fit import EFFECTIVE, MODULI, NO_FIT_R2
 from palpate.api.report import ReportWarning
 from palpate_report.answer.headline import between_spots
-from palpate_report.answer.law import laws_of
+from palpate_report.answer.law import laws_of, searched_laws
 from palpate_report.answer.model_verdict import r2_by_spot
 from palpate_report.answer.next_step import cause_name
 from palpate_report.answer.result import Conclusion
@@ -68,7 +68,7 @@ def answer(data: ReportData, conclusion: Conclusion) -> SummaryCard:
     return SummaryCard(
         title="No parameters from this run" if conclusion.failure else sentence(data, conclusion),
         about=f"{by}, {fitted}",
-        laws=laws_of(data),
+        laws=laws_of(data.study.space),
         cut={} if conclusion.failure else cut_ends(data, conclusion.estimates),
         warnings=conclusion.warnings[:IN_THE_OPEN],
         lines=(*conclusion.estimates, *conclusion.moduli),
@@ -96,12 +96,12 @@ def sentence(data: ReportData, conclusion: Conclusion) -> str:
 
 def title_of(space: ParameterSpace, n_spots: int) -> str:
     """Law of each searched region, named where there are several, and the number of spots."""
-    searched = [region for region in space.regions if space.columns_of(region.region)]
-    laws = [region.material.name.replace("_", "-").title() for region in searched]
-    if len(searched) == 1:
-        return f"One {laws[0]} material for all {n_spots} spots" if n_spots > 1 else f"{laws[0]} material"
-    each = (f"{law} {in_words(r.region)}" for law, r in zip(laws, searched, strict=True))
-    return " and ".join(each) + (f", one set for all {n_spots} spots" if n_spots > 1 else "")
+    laws = " and ".join(searched_laws(space)) or "fixed"
+    if len(laws.split(" and ")) == 1:
+        text = f"one {laws} material for all {n_spots} spots" if n_spots > 1 else f"{laws} material"
+    else:
+        text = laws + (f", one set for all {n_spots} spots" if n_spots > 1 else "")
+    return text[0].upper() + text[1:]
 
 
 def _with_error(value: Headline) -> str:

@@ -1,12 +1,12 @@
-"""Formula of a material law, from the docstring of its class."""
+"""Name and formula of a material law, from the summary and the docstring of its class."""
 
 import inspect
 import re
 
 from markupsafe import Markup, escape
 
-from palpate.api import Material
-from palpate_report.data.report_data import ReportData
+from palpate.api import Material, ParameterSpace
+from palpate_report.data.marks import in_words
 
 
 def paragraphs_of(material: Material) -> list[str]:
@@ -21,11 +21,25 @@ def formula_of(material: Material) -> str:
     return next((part for part in paragraphs_of(material) if part.startswith(("Ψ =", "W ="))), "")
 
 
-def laws_of(data: ReportData) -> dict[str, str]:
-    """Formula of each searched law by its name; laws without one are left out."""
-    space = data.study.space
-    found = {r.material.name: formula_of(r.material) for r in space.regions if space.columns_of(r.region)}
-    return {name: formula for name, formula in found.items() if formula}
+def law_name(material: Material) -> str:
+    """Name of a law in a text, as ``Mooney-Rivlin``: the first of its summary where that is its name."""
+    first, name = re.split("[:,]", material.summary)[0], material.name.replace("_", "-")
+    return first if first.lower() == name else name.capitalize()
+
+
+def laws_of(space: ParameterSpace) -> dict[str, str]:
+    """Formula of each searched law by its name, empty where it has none."""
+    searched = [region for region in space.regions if space.columns_of(region.region)]
+    return {law_name(region.material): formula_of(region.material) for region in searched}
+
+
+def searched_laws(space: ParameterSpace) -> list[str]:
+    """Names of the searched laws, each with its region where there are several."""
+    searched = [region for region in space.regions if space.columns_of(region.region)]
+    names = [law_name(region.material) for region in searched]
+    if len(names) < 2:
+        return names
+    return [f"{name} {in_words(r.region)}" for name, r in zip(names, searched, strict=True)]
 
 
 _TOWER = re.compile(

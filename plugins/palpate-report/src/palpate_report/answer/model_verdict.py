@@ -1,12 +1,11 @@
 """Verdict on the model of a run, made once: a tissue's parameters, effective ones, or none."""
 
-import re
 from collections.abc import Iterator
 from dataclasses import dataclass
 
-from palpate.api import Material
 from palpate.api.fit import NO_FIT_R2, Adequacy, channel_of
 from palpate_report.answer.failed_checks import failed_checks
+from palpate_report.answer.law import laws_of
 from palpate_report.answer.warnings import CHECK
 from palpate_report.data.marks import in_words, rounded
 from palpate_report.data.report_data import ReportData
@@ -81,24 +80,13 @@ def _power(data: ReportData) -> str:
 
 def _approximation(data: ReportData) -> str:
     """Sentence on the largest difference from the curves of what leads, and their range."""
-    space, checks = data.study.space, data.leading_rows(data.fit.adequacy)
-    names = dict.fromkeys(law_name(r.material) for r in space.regions if space.columns_of(r.region))
+    names, checks = laws_of(data.study.space), data.leading_rows(data.fit.adequacy)
     difference = f"{max(100.0 * float(checks['difference'].max()), 0.1):.2g}"  # type: ignore[arg-type]
     is_by_spot = not data.leading_rows(data.table("between_spots")).is_empty()
     own = ", with values of its own at each spot" if is_by_spot else ""
     return (
         f"Effective parameters: {' and '.join(names)} describe{'s' if len(names) == 1 else ''} these "
         f"curves to within {difference} % of their peak{own}, for {' and '.join(_ranges(data))}."
-    )
-
-
-def law_name(material: Material) -> str:
-    """Name of a law in a text, as ``Mooney-Rivlin``: the first of its summary where that is its name."""
-    first = re.split("[:,]", material.summary)[0]
-    return (
-        first
-        if first.lower().replace("-", "_") == material.name
-        else material.name.replace("_", "-").capitalize()
     )
 
 

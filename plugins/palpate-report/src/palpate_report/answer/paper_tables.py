@@ -6,6 +6,7 @@ from dataclasses import dataclass, replace
 from functools import cached_property
 
 from palpate.api.fit import ALL_SPOTS, FIT, MODULI, explained, mark_of
+from palpate_report.answer.law import searched_laws
 from palpate_report.answer.model_verdict import model_verdict
 from palpate_report.data.best import Best, weighted_channels
 from palpate_report.data.marks import Headline
@@ -15,10 +16,7 @@ from palpate_report.data.table_files import escaped, head, number, power_of_ten,
 
 def materials_of(data: ReportData) -> str:
     """Materials that are searched, each with its region where there are several."""
-    regions = [r for r in data.study.space.regions if data.study.space.columns_of(r.region)]
-    if len(regions) == 1:
-        return regions[0].material.name
-    return ", ".join(f"{r.region}: {r.material.name}" for r in regions)
+    return ", ".join(searched_laws(data.study.space)) or "fixed material"
 
 
 def paper_tables(runs: Mapping[str, ReportData]) -> dict[str, str]:

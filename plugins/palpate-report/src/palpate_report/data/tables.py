@@ -41,9 +41,10 @@ TITLES: Mapping[str, str] = MappingProxyType(
         "parameters": "Parameters of each run, with 95 % intervals where there was a fit",
         "errors": "Errors of each run; of several spots the mean, R² the least",
         "criteria": "Information criteria at the least Fopt, the best first",
+        "laws": "Material laws, the least AICc first",
     }
 )
-"""Captions of the tables by name; the last three are of several runs."""
+"""Captions of the tables by name; the last four are of several runs."""
 
 EXACT = 1e-6
 """NMSE below which a curve is fitted to the accuracy of solvers."""
