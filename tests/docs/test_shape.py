@@ -19,11 +19,11 @@ LONGEST_FILE = 500
 LONGEST_FUNCTION = 45
 MOST = {
     "lines": 76_889,
-    "lines of the core": 33_315,
+    "lines of the core": 33_311,
     "classes": 655,
-    "constants": 771,
+    "constants": 769,
     "long files": 0,
-    "long functions": 7,
+    "long functions": 6,
     "docstrings without a noun first": 0,
     "docstrings with that of or those of": 0,
 }

@@ -6,6 +6,7 @@ from palpate.lazy_imports import deferred
 
 if TYPE_CHECKING:
     from palpate.domain import (
+        FINE as FINE,
         moving_span as moving_span,
     )
     from palpate.errors import (
@@ -104,7 +105,6 @@ if TYPE_CHECKING:
     )
     from palpate.simulation.cost import n_workers as n_workers
     from palpate.simulation.forecast import (
-        FINE as FINE,
         Forecast as Forecast,
         Part as Part,
         work_of as work_of,

@@ -197,9 +197,10 @@ def _limits(parameter: "Parameter") -> "Searched":
 
 def _meshes(study: "Study", checked: "StudyInputs", spot: str) -> str:
     """Nodes and edges of a spot's mesh, and of its finer one."""
+    from palpate.domain import FINE
     from palpate.limb.loading import size_at_contact
 
-    limbs = [checked.limbs[name] for name in (spot, f"{spot}/fine") if name in checked.limbs]
+    limbs = [checked.limbs[name] for name in (spot, f"{spot}{FINE}") if name in checked.limbs]
     return ", fine ".join(f"{limb.mesh.n_nodes} ({size_at_contact(study, limb):.2f} mm)" for limb in limbs)
 
 

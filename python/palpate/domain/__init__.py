@@ -158,6 +158,9 @@ class Limb:
     warnings: tuple[str, ...] = ()
 
 
+FINE = "/fine"
+"""End of the name of a limb with a finer mesh."""
+
 FRICTION, COMPLIANCE, DEEPER = "friction", "contact_compliance", "depth_mm"
 """Names of a contact's friction coefficient and compliance, and of the depth, among slopes of a curve.
 
@@ -439,7 +442,7 @@ class Job:
         if isinstance(protocol, Indentation):
             # Half the usual steps: whole ones add up to 0.2 % to a force with friction.
             protocol = replace(protocol, depth_step_parts=2)
-        return replace(self, protocol=protocol, mesh="fine")
+        return replace(self, protocol=protocol, mesh=FINE.removeprefix("/"))
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)

@@ -15,6 +15,7 @@ import numpy as np
 import polars as pl
 
 from palpate.domain import (
+    FINE,
     Design,
     FloatArray,
     Parameter,
@@ -37,7 +38,6 @@ from palpate.progress import SILENT, Progress
 from palpate.run.fit_state import FitState
 from palpate.run.result import ALL_SPOTS, WIDENED
 from palpate.scoring.selection import objectives
-from palpate.simulation.forecast import FINE
 from palpate.simulation.sweep import Simulations
 from palpate.study.reading import Study
 

@@ -8,7 +8,7 @@ from pathlib import Path
 import numpy as np
 import polars as pl
 
-from palpate.domain import Indentation, Limb, Refinement, Spot
+from palpate.domain import FINE, Indentation, Limb, Refinement, Spot
 from palpate.domain.material import AnisotropicMaterial
 from palpate.errors import MeshError, StudyError
 from palpate.limb.cell_fields import check_frames, with_fields
@@ -54,7 +54,7 @@ def load_limbs(study: Study, *, to_show: bool = False) -> dict[str, Limb]:
             if not to_show or (name == spot.spot.name and path.is_file()):
                 limbs[name] = _load(study, spot.spot, path)
         if not to_show and (fine := finer_limb(study, spot, limbs)):
-            limbs[f"{spot.spot.name}/fine"] = fine
+            limbs[f"{spot.spot.name}{FINE}"] = fine
     if limbs.keys() >= set(study.spot_names):
         _check_every_region(study, limbs)
     return limbs
@@ -69,7 +69,7 @@ def finer_limb(study: Study, spot: StudySpot, limbs: Mapping[str, Limb]) -> Limb
         It is not finer, or not of the same limb.
     """
     name = spot.spot.name
-    coarse, fine = limbs[name], limbs.get(f"{name}/fine") if spot.fine_mesh else None
+    coarse, fine = limbs[name], limbs.get(f"{name}{FINE}") if spot.fine_mesh else None
     place, near_mm = f"{spot.place}: {spot.fine_mesh or ''}".removesuffix(": "), _near_mm(study, name)
     edge_mm = fine_edge_mm(study, spot, coarse)
     if edge_mm:
@@ -98,7 +98,7 @@ def fine_meshes(study: Study, limbs: Mapping[str, Limb], edges_mm: Mapping[str, 
     rows = [
         (spot.spot.name, edge_mm, limbs[fine].mesh.n_nodes)
         for spot in study.spots
-        if (fine := f"{spot.spot.name}/fine") in limbs
+        if (fine := f"{spot.spot.name}{FINE}") in limbs
         and (edge_mm := fine_edge_mm(study, spot, limbs[spot.spot.name]))
     ]
     return pl.DataFrame(rows, ["spot", "edge_mm", "n_nodes"], orient="row") if rows else pl.DataFrame()
@@ -150,7 +150,7 @@ def refinement(study: Study, limbs: Mapping[str, Limb]) -> dict[str, Refinement]
     """
     found = {}
     for spot in study.spots:
-        if (fine := limbs.get(f"{(name := spot.spot.name)}/fine")) is None:
+        if (fine := limbs.get(f"{(name := spot.spot.name)}{FINE}")) is None:
             continue
         near_mm, beyond_mm = _near_mm(study, name), 0.0
         if is_refined := bool(fine_edge_mm(study, spot, limbs[name])):

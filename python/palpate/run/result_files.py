@@ -62,8 +62,6 @@ def curves_of(responses: Mapping[tuple[str, str, str], Response]) -> pl.DataFram
 
 def responses_of(curves: pl.DataFrame) -> dict[tuple[str, str, str], Response]:
     """Curves by fit, scenario and spot of a table of them."""
-    if curves.is_empty():
-        return {}
     parts = curves.partition_by(*FIT_KEYS, as_dict=True, include_key=False)
     return {(str(a), str(b), str(c)): response_of(part) for (a, b, c), part in parts.items()}
 

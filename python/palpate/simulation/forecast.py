@@ -8,9 +8,6 @@ import numpy as np
 
 from palpate.domain import Limb
 
-FINE = "/fine"
-"""End of the name of a finer mesh."""
-
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Part:

@@ -14,11 +14,10 @@ from typing import Self
 
 import polars as pl
 
-from palpate.domain import Simulation
+from palpate.domain import FINE, Simulation
 from palpate.executors.attempts import PROCESSOR, SLOPES, WORKER, children_s, spent_on_jobs_here
 from palpate.progress import OfCommand, Progress
 from palpate.run.atomic_files import write_whole
-from palpate.simulation.forecast import FINE
 
 FILE = "processor_time.json"
 

@@ -14,7 +14,7 @@ from dataclasses import replace
 from pathlib import Path
 from time import monotonic
 
-from palpate.domain import Job, Limb, Simulation, Status
+from palpate.domain import FINE, Job, Limb, Simulation, Status
 from palpate.errors import PluginError, StoppedError
 from palpate.executors import Batch, Limits, Processes
 from palpate.executors.attempts import usable
@@ -24,7 +24,7 @@ from palpate.progress import SILENT, FollowsSimulations, Progress, RunningJob, a
 from palpate.run.keys import JobKeys
 from palpate.run.ledger import Ledger, Writer
 from palpate.simulation.cost import SWEEP, WORTH_SAYING_S, cost
-from palpate.simulation.forecast import FINE, Forecast
+from palpate.simulation.forecast import Forecast
 from palpate.study.reading import Study
 
 _SHARED = (Status.OK, Status.DIVERGED, Status.UNREADABLE)

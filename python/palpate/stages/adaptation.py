@@ -2,6 +2,7 @@
 
 from dataclasses import replace
 
+from palpate.domain import FINE
 from palpate.limb.loading import fine_edge_mm, finer_limb
 from palpate.run.result import StudyInputs
 from palpate.stages.stage import Run
@@ -21,7 +22,7 @@ def finer_inputs(run: Run, worst: str) -> StudyInputs | None:
     finer, nodes = {}, 0
     for spot in study.spots:
         name = spot.spot.name
-        if spot.fine_edge_mm is None and f"{name}/fine" in limbs:
+        if spot.fine_edge_mm is None and f"{name}{FINE}" in limbs:
             # Edges of the next finer mesh are 0.7 of the last one's.
             edge_mm = 0.7 * (edges_mm.get(name) or fine_edge_mm(study, spot, limbs[name]))
             limb = finer_limb(study, replace(spot, fine_edge_mm=edge_mm), limbs)
@@ -38,5 +39,5 @@ def finer_inputs(run: Run, worst: str) -> StudyInputs | None:
         return None
     sizes = ", ".join(f"{edges_mm[spot]:.2g} mm at {spot}" for spot in finer)
     run.progress.note(f"{worst}: refined to edges of {sizes}, and fitted again")
-    fine = {f"{spot}/fine": limb for spot, limb in finer.items()}
+    fine = {f"{spot}{FINE}": limb for spot, limb in finer.items()}
     return replace(run.inputs, limbs={**limbs, **fine}, edges_mm=edges_mm)

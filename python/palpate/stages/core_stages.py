@@ -7,7 +7,7 @@ from functools import partial
 import polars as pl
 
 from palpate.answer.table import OF_ANSWER
-from palpate.domain import Design, weighed_phases
+from palpate.domain import FINE, Design, weighed_phases
 from palpate.domain.curves import abscissae_of
 from palpate.errors import FirstAnswerError, PalpateError, StoppedError, StudyError
 from palpate.experiment.measured import load_measured
@@ -32,7 +32,6 @@ from palpate.scoring.completeness import completeness, described as named, witho
 from palpate.scoring.generalisation import generalise
 from palpate.simulation import jobs as simulation
 from palpate.simulation.cost import WORTH_SAYING_S, n_of_fit
-from palpate.simulation.forecast import FINE
 from palpate.simulation.sweep import KeptSimulations, Simulations
 from palpate.simulation.verification import verify
 from palpate.stages.stage import Run, Stage, stages_of_run

@@ -320,8 +320,6 @@ def _by_row(scores: pl.DataFrame, design: pl.DataFrame) -> pl.DataFrame:
 
 
 def _by_id(chosen: pl.DataFrame, design: pl.DataFrame) -> pl.DataFrame:
-    if chosen.is_empty():
-        return chosen
     return chosen.with_columns(set_id=design["set_id"].gather(chosen["set_id"]))
 
 

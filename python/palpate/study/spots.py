@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 
-from palpate.domain import Indentation, Protocol, Spot
+from palpate.domain import FINE, Indentation, Protocol, Spot
 from palpate.errors import MeshError
 from palpate.plugins.guard import answering_for
 from palpate.plugins.interfaces import ExperimentLoader
@@ -80,7 +80,7 @@ class StudySpot:
     def meshes(self) -> dict[str, Path]:
         """Files of its meshes by the name of the limb, as :attr:`Job.limb_name`."""
         name = self.spot.name
-        found = {name: self.mesh, f"{name}/fine": self.fine_mesh}
+        found = {name: self.mesh, f"{name}{FINE}": self.fine_mesh}
         return {limb: path for limb, path in found.items() if path is not None}
 
     def is_where(self, other: "StudySpot") -> bool:

@@ -104,7 +104,6 @@ def error_sources_of(
 
     Parameters
     ----------
-    study : Study
     measured : mapping of spot name to Response
         A loader's ``record["uncertainty"]`` has the standard deviation of ``depth_mm``.
     searched : sequence of str
@@ -304,7 +303,6 @@ def columns_of(
     ----------
     fit : Fit
         Whose best evaluation is the point.
-    causes : sequence of ErrorSource
     channels : sequence of str
         Those that any scenario weighs.
     limbs : dict of limb name to Limb, optional
@@ -373,18 +371,14 @@ def error_budget(
 
     Parameters
     ----------
-    study : Study
     measured : mapping of spot name to Response
         As the loader has read them.
-    terms : sequence of SpotTerm
     residuals : (n,) array
         Simulated less measured.
     columns : Columns
         What it adds to the curves, of the causes that are simulated.
-    meshes : mapping of spot name to SpotMesh
-        Of the spots whose meshes are known.
-    inputs : mapping of spot name to SpotInputs, optional
-        Of the simulated curves, to which slopes have moved the corrections by finer meshes.
+    meshes, inputs : mappings of spot name to SpotMesh, to SpotInputs
+        Of spots whose meshes are known; and where slopes have moved the corrections by finer meshes.
 
     Returns
     -------
@@ -398,47 +392,59 @@ def error_budget(
 
     for term, name, at, scale in pieces(terms):
         channel = channel_of(name)
-        inside = term.counted(name)
-        curve = term.measured[channel]
+        inside, curve = term.counted(name), term.measured[channel]
         for cause, ordinates in columns.get((term.spot, channel), {}).items():
             add(_label(cause), cause, at, (scale * ordinates)[inside])
-        along = path_of(curve.abscissa) / path_of(curve.abscissa)[-1]
-        drift = drift_of(study, measured[term.spot], channel) * along
+        drift = drift_of(study, measured[term.spot], channel) * _along(curve.abscissa)
         add(ZERO, f"{term.spot} {channel}", at, (scale * drift)[inside])
         # Of the fitted curve: the noise of the measured one would bias the most likely values.
         fitted = residuals[at] + (scale * curve.ordinate)[inside]
-        mesh, convergence = meshes.get(term.spot, SpotMesh()), study.mesh_convergence(channel)
-        correction, by_mesh = term.corrections.get(channel), None
-        if correction is not None:
-            size = _size_of(correction, scale, inside, fitted)
-            by_mesh = (size * scale * correction.added)[inside]
-            if (at_end := inputs.get(term.spot)) is not None:
-                moved = correction.moved(
-                    size * correction.coarse, correction.change_to(at_end, term.materials)
-                )
-                add(CORRECTION, channel, at, MOVED_ERROR * (scale * moved)[inside])
-                by_mesh = by_mesh + (scale * moved)[inside]
-            if correction.contact is not None:
-                by_contact = (size * scale * correction.contact)[inside]
-                add(CONTACT, CONTACT, at, ASSUMED.contact * by_contact)
-                by_mesh = by_mesh - by_contact
-        is_shown = mesh.refinement.ratio > 1.0 and not is_stated(channel, study.budget.mesh)
-        if is_shown and by_mesh is not None:
-            extrapolated = mesh.of_extrapolation(convergence, by_mesh)
-            add(MESH, "extrapolation", at, extrapolated)
-            scatter = mesh.refinement.scatter(convergence) * np.abs(curve.ordinate).max()
-            # Two meshes that differ by more leave more of other shapes, too.
-            size = np.hypot(scatter, np.sqrt(np.mean((extrapolated / scale[inside]) ** 2)))
-            parts = scattered_parts(size * scale[inside], along[inside])
-        elif study.solver.provides.mesh:
-            error = mesh.error(channel, convergence, study.budget.mesh) * fitted
-            parts = independent_parts(error, along[inside])
-        else:
-            continue
-        for k, part in enumerate(parts):
-            add(MESH, f"{channel} {k}", at, np.sqrt(ASSUMED.mesh_shared) * part)
-            add(MESH, f"{term.spot} {channel} {k}", at, np.sqrt(1.0 - ASSUMED.mesh_shared) * part)
+        mesh, moved_to = meshes.get(term.spot, SpotMesh()), inputs.get(term.spot)
+        for label, of, values in _by_mesh(study, term, name, mesh, moved_to, scale, fitted):
+            add(label, of, at, values)
     return found
+
+
+def _by_mesh(
+    study: Study,
+    term: SpotTerm,
+    name: str,
+    mesh: SpotMesh,
+    moved_to: SpotInputs | None,
+    scale: FloatArray,
+    fitted: FloatArray,
+) -> Iterator[tuple[str, str, FloatArray]]:
+    """Errors of a fitted curve by its correction, its contact and its mesh: label, name and values."""
+    channel = channel_of(name)
+    inside, curve, convergence = term.counted(name), term.measured[channel], study.mesh_convergence(channel)
+    correction, by_mesh, along = term.corrections.get(channel), None, _along(curve.abscissa)[inside]
+    if correction is not None:
+        size = _size_of(correction, scale, inside, fitted)
+        by_mesh = (size * scale * correction.added)[inside]
+        if moved_to is not None:
+            change = correction.change_to(moved_to, term.materials)
+            moved = (scale * correction.moved(size * correction.coarse, change))[inside]
+            yield CORRECTION, channel, MOVED_ERROR * moved
+            by_mesh = by_mesh + moved
+        if correction.contact is not None:
+            by_contact = (size * scale * correction.contact)[inside]
+            yield CONTACT, CONTACT, ASSUMED.contact * by_contact
+            by_mesh = by_mesh - by_contact
+    is_shown = mesh.refinement.ratio > 1.0 and not is_stated(channel, study.budget.mesh)
+    if is_shown and by_mesh is not None:
+        extrapolated = mesh.of_extrapolation(convergence, by_mesh)
+        yield MESH, "extrapolation", extrapolated
+        scatter = mesh.refinement.scatter(convergence) * np.abs(curve.ordinate).max()
+        # Two meshes that differ by more leave more of other shapes, too.
+        size = np.hypot(scatter, np.sqrt(np.mean((extrapolated / scale[inside]) ** 2)))
+        parts = scattered_parts(size * scale[inside], along)
+    elif study.solver.provides.mesh:
+        parts = independent_parts(mesh.error(channel, convergence, study.budget.mesh) * fitted, along)
+    else:
+        return
+    for k, part in enumerate(parts):
+        yield MESH, f"{channel} {k}", np.sqrt(ASSUMED.mesh_shared) * part
+        yield MESH, f"{term.spot} {channel} {k}", np.sqrt(1.0 - ASSUMED.mesh_shared) * part
 
 
 def mesh_errors(
@@ -452,8 +458,6 @@ def mesh_errors(
 
     Parameters
     ----------
-    study : Study
-    terms : sequence of SpotTerm
     residuals : (n,) array
         Simulated less measured.
     errors : (n, m) array
@@ -484,6 +488,11 @@ def _size_of(correction: Correction, scale: FloatArray, inside: BoolArray, fitte
     fine = (scale * (correction.coarse + correction.added))[inside]
     known = np.isfinite(fine)
     return float(np.linalg.norm(fitted[known])) / max(float(np.linalg.norm(fine[known])), 1e-300)
+
+
+def _along(abscissa: FloatArray) -> FloatArray:
+    path = path_of(abscissa)
+    return np.asarray(path / path[-1])
 
 
 def _label(cause: str) -> str:

@@ -29,7 +29,6 @@ OTHER_SOLIDS: Mapping[str, str] = MappingProxyType(
 )
 """Solids that are cut into tetrahedra, by meshio's name."""
 SHELLS = frozenset({"tri3", "tri6", "quad4", "quad8", "quad9", "q4ans", "q4eas"})
-FACE_NODES: Mapping[str, int] = MappingProxyType({"tri3": 3, "tri6": 6, "tri7": 7, "quad4": 4, "quad8": 8})
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -255,7 +254,7 @@ class _Reader:
     def surface(self, element: ET.Element) -> IntArray:
         found: set[int] = set()
         for face in element:
-            if face.tag not in FACE_NODES:
+            if face.tag not in ("tri3", "tri6", "tri7", "quad4", "quad8"):
                 raise self.refused(f"surface '{element.get('name')}' has a face <{face.tag}>")
             found.update(self.nodes(face, self.integers(face, face.text)).tolist())
         return np.array(sorted(found), dtype=np.int64)

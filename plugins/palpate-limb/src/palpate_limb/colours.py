@@ -9,7 +9,6 @@ import numpy as np
 
 from palpate.api import FloatArray, MeshError
 
-CHANNELS = (r"r|red", r"g|green", r"b|blue")
 GEOMETRY = frozenset({"x", "y", "z", "nx", "ny", "nz", "s", "t", "u", "v", "texture_u", "texture_v"})
 
 
@@ -67,7 +66,7 @@ def _of_ply(elements: Mapping[str, Any], mesh: Any) -> FloatArray | None:  # noq
 
 def _channels(names: Sequence[str]) -> list[str]:
     """Names of red, green and blue among properties: with one beginning, such as diffuse_, and any case."""
-    for spelling in zip(*(channel.split("|") for channel in CHANNELS), strict=True):
+    for spelling in (("r", "g", "b"), ("red", "green", "blue")):
         for name in names:
             if (found := re.fullmatch(rf"(?i)(.*?){spelling[0]}", name)) is None:
                 continue

@@ -275,9 +275,6 @@ def _show_realised(
     """Show the intervals that were expected of a press next to the intervals of the fit with it."""
     from palpate_planning.tables import realised, shown_realised
 
-    intervals = [fit.intervals for fit in fits]
-    if any(each.is_empty() for each in intervals):
-        return
-    found = realised(proposed, press, *(each.filter(scenario=study.generalise_by) for each in intervals))
+    found = realised(proposed, press, *(f.intervals.filter(scenario=study.generalise_by) for f in fits))
     if found.height:
         session.frame(f"95 % intervals before and with {press}, in % of the value", shown_realised(found))

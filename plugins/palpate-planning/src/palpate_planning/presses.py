@@ -38,7 +38,7 @@ from palpate.api.fit import (
     fine_run,
     path_of,
 )
-from palpate.api.runs import Study, finer_limb, load_limbs
+from palpate.api.runs import FINE, Study, finer_limb, load_limbs
 from palpate_certainty.api import (
     MESH,
     OF_LIMB,
@@ -168,9 +168,9 @@ def press_meshes(
         fine = None
         with contextlib.suppress(MeshError):  # one that cannot be refined is pressed as it is
             fine = finer_limb(pressed, spot, limbs) if study.fine_runs else None
-        under.pop(f"{press.spot}/fine", None)
+        under.pop(f"{press.spot}{FINE}", None)
         if fine is not None:
-            under[f"{press.spot}/fine"] = finer[f"{press.name}/fine"] = fine
+            under[f"{press.spot}{FINE}"] = finer[f"{press.name}{FINE}"] = fine
         meshes[press.name] = spot_meshes(pressed, under, is_refined=True).get(press.spot, SpotMesh())
     return meshes, finer
 

@@ -177,14 +177,12 @@ def _cost(session: Session, studies: Sequence[Study], timed: Path) -> str:
 
 def ranked(fits: LawFits, criteria: pl.DataFrame) -> pl.DataFrame:
     """One row for each law, the least AICc first: its criteria, its error of held-out curves, its verdict."""
-    of_run: Mapping[str, Mapping[str, Any]] = (
-        {} if criteria.is_empty() else {row["run"]: row for row in criteria.iter_rows(named=True)}
-    )
+    of_run = {row["run"]: row for row in criteria.iter_rows(named=True)}
     rows = []
     for law, status in fits.status.items():
         data = fits.data.get(law)
         model = str(model_verdict(data).verdict) if data else None
-        found = of_run.get(law, {})
+        found = of_run.get(law, dict[str, Any]())
         rows.append(
             {
                 "law": law,

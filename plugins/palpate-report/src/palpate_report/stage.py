@@ -12,6 +12,7 @@ from palpate.api.fit import ALL_SPOTS, Case, mark_of
 from palpate.api.runs import Files, Study, described
 from palpate_report.answer.result import Report
 from palpate_report.data.display_units import in_display_units
+from palpate_report.data.marks import in_words
 from palpate_report.data.table_files import shown
 from palpate_report.from_run import report_data, show_so_far, written
 from palpate_report.settings import ReportSettings
@@ -103,7 +104,7 @@ def summary_of(study: Study, report: Report) -> Summary:
     pages = [page for page in report.files if page.suffix == ".html"]
     return Summary(
         tables={
-            name.replace("_", " "): _side_by_side(name, frame)
+            in_words(name): _side_by_side(name, frame)
             for name, frame in report.tables.items()
             if frame.height
         },

@@ -4,6 +4,7 @@ from collections.abc import Iterator, Sequence
 from pathlib import Path
 
 from palpate.api import Indentation, convert
+from palpate.api.runs import FINE
 from palpate_report.answer.model_verdict import NO_PARAMETERS
 from palpate_report.answer.next_step import CAUSES
 from palpate_report.data.marks import Headline, in_words, with_minus, with_unit
@@ -67,7 +68,7 @@ def _meshes(data: ReportData) -> Iterator[str]:
         yield f"The mesh around each spot had {_range(coarse)} nodes."
     fits = data.fit.table
     if "n_fine" in fits.columns and (fits["n_fine"].sum() or 0) > 0:
-        fine = [limb.mesh.n_nodes for name, limb in data.limbs.items() if name.endswith("/fine")]
+        fine = [limb.mesh.n_nodes for name, limb in data.limbs.items() if name.endswith(FINE)]
         edges = [f"{spot.fine_edge_mm:g}" for spot in data.study.spots if spot.fine_edge_mm]
         of = f" of {_range(fine)} nodes" if fine else ""
         to = f", refined to edges of {edges[0]} mm at the contact," if edges else ""

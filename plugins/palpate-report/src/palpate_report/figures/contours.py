@@ -20,8 +20,6 @@ def paths(data: ReportData, fit: str, scenario: str, spot: str) -> list[pl.DataF
         Columns correction, objective, n_runs, fopt, and the design's parameters as they are at a spot.
     """
     trace = data.fit.trace
-    if trace.is_empty():
-        return []
     labels, columns = ("", spot, data.study.space.states.get(spot, "")), trace.columns
     names = {
         p.name: next(

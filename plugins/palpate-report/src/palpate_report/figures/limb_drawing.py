@@ -14,6 +14,7 @@ from matplotlib.patches import Patch
 
 from palpate.api import FloatArray, Limb
 from palpate.api.mesh import spot_axes
+from palpate_report.data.marks import in_words
 from palpate_report.figures.limb_view import LOOKS, Role, ViewPart
 
 ABOVE = np.eye(3)
@@ -85,7 +86,7 @@ def legend_of(parts: Sequence[ViewPart]) -> list[Patch]:
     for part in parts:
         if part.role != "interface":
             own = part.role == "indenter" or part.name not in ("contact", "fixed", part.region)
-            shown.setdefault(part.name.replace("_", " ") if own else LABELS[part.role], part.role)
+            shown.setdefault(in_words(part.name) if own else LABELS[part.role], part.role)
     return [Patch(color=LOOKS[role][0], label=name) for name, role in shown.items()]
 
 

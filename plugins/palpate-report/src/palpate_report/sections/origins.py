@@ -20,6 +20,7 @@ from palpate.api.report import (
     cost_rows,
 )
 from palpate_report.answer.result import Report
+from palpate_report.data.marks import in_words
 from palpate_report.data.report_data import ReportData
 from palpate_report.data.table_files import shown
 from palpate_report.figures.scene import deepest
@@ -62,7 +63,7 @@ class Pictures(Section):
                     n_left_out += 1
                     continue
                 left -= len(content)
-                step = path.stem.replace("_", " ")
+                step = in_words(path.stem)
                 found.append(Picture(label=f"{spot}, {path.parent.name}: {step}", content=content))
             if found:
                 folds.append(Fold(spot, found))
@@ -200,7 +201,7 @@ def _comparison(name: str, found: Mapping[str, Any]) -> Iterator[Block]:
     rows = [row for row in found.get("rows") or [] if isinstance(row, Mapping)]
     columns = list(dict.fromkeys(str(key) for row in rows for key in row))
     if rows:
-        heads = [column.replace("_", " ") for column in columns]
+        heads = list(map(in_words, columns))
         yield Table(
             f"Solvers compared: {name}", heads, [[_plain(row.get(c)) for c in columns] for row in rows]
         )
