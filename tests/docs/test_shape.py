@@ -18,8 +18,8 @@ ROOT = Path(__file__).parents[2]
 LONGEST_FILE = 500
 LONGEST_FUNCTION = 45
 MOST = {
-    "lines": 76_889,
-    "lines of the core": 33_311,
+    "lines": 76_897,
+    "lines of the core": 33_312,
     "classes": 655,
     "constants": 769,
     "long files": 0,

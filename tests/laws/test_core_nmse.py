@@ -78,6 +78,12 @@ def test_the_mean_of_a_nearly_symmetric_twist_is_degenerate(peak, offset):
     assert _core.nmse(1.1 * torque, torque) == pytest.approx(0.0124, rel=0.05)
 
 
+def test_no_normaliser_helps_a_curve_of_zeros():
+    for name in ("mean_abs", "rms", "std"):
+        with pytest.raises(ScoringError, match=r"all its ordinates are 0: check its column"):
+            _core.nmse(np.ones(3), np.zeros(3), name)
+
+
 def test_bad_scoring_inputs_are_named():
     pair = np.array([1.0, 2.0])
     for weights, message in [

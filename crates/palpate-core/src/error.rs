@@ -91,8 +91,12 @@ pub enum ScoringError {
     /// The normaliser is too close to zero to divide by.
     #[error(
         "normaliser \"{normaliser}\" is degenerate: it is {value} on a measured curve whose rms is \
-         {rms}; choose another ({others})",
-        others = normaliser.others()
+         {rms}; {advice}",
+        advice = if *rms == 0.0 {
+            "all its ordinates are 0: check its column and what the sensor recorded".to_owned()
+        } else {
+            format!("choose another ({})", normaliser.others())
+        }
     )]
     Degenerate { normaliser: Normaliser, value: f64, rms: f64 },
     /// The name of a normaliser is not known.

@@ -6,22 +6,18 @@ from hypothesis import given, strategies as st
 from scipy.linalg import null_space
 from scipy.stats import binom, chi2, t as student
 
-from palpate.api.fit import Adequacy
-from palpate_certainty.adequacy import Closeness, checks, misfits, shape_of
 from palpate_certainty.assumptions import ASSUMED
 from palpate_certainty.between_spots import SPOTS, UNUSUAL, differences, probability_of_alike, same_spot
 from palpate_certainty.laplace import Laplace, laplace, scores_of
-from palpate_certainty.linear_problem import LinearProblem, ResidualErrors
 from palpate_certainty.noise_model import (
-    ErrorScale,
-    NoiseModel,
-    ResidualLayout,
     error_scale,
     estimate,
     grouped,
     groups_of,
 )
 from palpate_certainty.tables import parameter_combinations
+
+from .pressed_residuals import EXPECTED, drawn, errors_of, fitted, press
 
 seeds = st.integers(0, 2**32 - 1)
 
@@ -173,30 +169,6 @@ def test_intervals_of_a_linear_model_hold_the_truth_as_often_as_they_say():
 # -------------------------------------------------------------- noise and discrepancy
 
 
-def press(n_spots=1, n=25):
-    """Layout of a force and a twist at some spots, and slopes of three parameters."""
-    x, turn = np.linspace(0.04, 1.0, n), np.concatenate([np.linspace(0, 1, n), np.linspace(1, -1, n)[1:]])
-    shape = [x**2, np.sin(turn)]
-    size = np.concatenate([x**2, np.maximum.accumulate(np.abs(shape[1]))])
-    rows = ResidualLayout(
-        spot=np.repeat(np.arange(n_spots), size.size),
-        site=np.repeat(np.arange(n_spots), size.size),
-        channel=np.tile(np.repeat([0, 1], [x.size, turn.size]), n_spots),
-        point=np.tile(np.concatenate([np.arange(x.size), np.arange(turn.size)]).astype(float), n_spots),
-        path=np.tile(np.concatenate([x, np.cumsum(np.abs(np.diff(turn, prepend=0.0))) / 2.0]), n_spots),
-        scale=np.ones(n_spots * size.size),
-        envelope=np.tile(size, n_spots),
-    )
-    first = np.concatenate([x**2, np.sin(turn)])
-    second = np.concatenate([x**3, 0.3 * turn**3])
-    third = np.concatenate([x**4, 0.0 * turn])
-    return rows, np.tile(np.stack([first, second, third], axis=1), (n_spots, 1))
-
-
-def drawn(rng, covariance):
-    return np.linalg.cholesky(covariance + 1e-14 * np.eye(len(covariance))) @ rng.normal(size=len(covariance))
-
-
 @given(st.floats(0.0, 6.0), st.floats(0.1, 0.9))
 def test_a_centre_outside_of_a_range_is_as_unlikely_as_it_is_far(far, other):
     covariance = np.diag([0.1**2, 0.05**2])
@@ -262,20 +234,6 @@ def test_a_standard_deviation_is_the_draws(freedom):
     assert found.sd[0] == pytest.approx(np.sqrt(1e-5) * student.std(freedom))
 
 
-EXPECTED = {0: 0.005, 1: 0.005}
-"""Discrepancy by channel."""
-
-
-def errors_of(rows, noise, discrepancy):
-    return sum(
-        noise**2 * rows.noise(c, 0.0) + discrepancy**2 * rows.discrepancy(c, 0.35) for c in rows.channels
-    )
-
-
-def fitted(errors, jacobian):
-    return errors - jacobian @ np.linalg.lstsq(jacobian, errors, rcond=None)[0]
-
-
 @pytest.mark.slow
 @pytest.mark.parametrize(("noise", "discrepancy"), [(0.01, 0.0), (0.002, 0.01), (0.0005, 0.002)])
 def test_noise_and_discrepancy_are_found_in_residuals(noise, discrepancy):
@@ -302,115 +260,6 @@ def test_the_discrepancy_is_no_less_than_expected():
         assert found.discrepancy[channel] == pytest.approx(size)
         variances, inside = np.diag(found.covariances(rows)[1]), rows.channel == channel
         np.testing.assert_allclose(variances[inside], (size * rows.envelope[inside]) ** 2)
-
-
-def problem(residuals, rows, jacobian, found, known=None):
-    """Residuals that were not averaged, and their errors."""
-    known = np.zeros((len(residuals), 1)) if known is None else known
-    linear = LinearProblem(
-        point=np.zeros(jacobian.shape[1]),
-        residuals=residuals,
-        jacobian=jacobian,
-        rows=rows,
-        known={"known": known},
-        channels=(),
-        expected=EXPECTED,
-        groups=np.eye(len(residuals)),
-    )
-    return linear, ResidualErrors(noise=found, scale=ErrorScale(factor=1.0, freedom=np.inf))
-
-
-def missed(residuals, rows, jacobian, found, known=None):
-    """Largest differences of residuals."""
-    linear, errors = problem(residuals, rows, jacobian, found, known)
-    return misfits(linear, linear, errors)
-
-
-def check(errors, rows, jacobian):
-    residuals = fitted(errors, jacobian)
-    known = np.zeros((len(residuals), 1))
-    found = estimate(residuals, null_space(jacobian.T), known, rows, expected=EXPECTED)
-    return {
-        each.name
-        for each in checks(
-            missed(residuals, rows, jacobian, found),
-            EXPECTED,
-            dict.fromkeys(EXPECTED, Closeness(difference=0.1, r2=0.99)),
-            (0.5, EXPECTED),
-            None,
-            1.0,
-        )
-        if each.verdict is not Adequacy.DESCRIBES
-    }
-
-
-@pytest.mark.slow
-def test_a_sound_model_is_not_called_inadequate():
-    rows, jacobian = press(n_spots=2, n=12)
-    rng = np.random.default_rng(4)
-    covariance = errors_of(rows, 0.003, 0.005)
-    assert [check(drawn(rng, covariance), rows, jacobian) for _ in range(20)] == [set()] * 20
-
-
-def test_a_curve_that_no_parameter_explains_is_seen():
-    rows, jacobian = press()
-    rng = np.random.default_rng(5)
-    errors = drawn(rng, errors_of(rows, 0.003, 0.0))
-    errors += 0.08 * rows.envelope * np.sin(6.0 * rows.path)
-    assert "discrepancy" in check(errors, rows, jacobian)
-
-
-@pytest.mark.parametrize(("times", "least", "most"), [(0.0, 0, 7), (1.0, 32, 40)])
-def test_a_discrepancy_that_is_called_visible_is_seen_in_nine_of_ten(times, least, most):
-    """Errors as stated are called unusual in 2 %; with the visible discrepancy besides, in 90 %."""
-    rows, jacobian = press(n_spots=2, n=12)
-    rng, usual = np.random.default_rng(6), errors_of(rows, 0.003, 0.005)
-    variances = [dict.fromkeys(EXPECTED, size**2) for size in (0.003, 0.005, 0.005)]
-    noise = NoiseModel(of_lengths={(0.0, 0.35): tuple(variances)}, correlations={(0.0, 0.35): 1.0})
-
-    def shape(errors):
-        return shape_of(*problem(fitted(errors, jacobian), rows, jacobian, noise))
-
-    visible = shape(np.zeros(rows.spot.size))[1]
-    more = sum(visible[c] ** 2 * rows.discrepancy(c, 0.35, 1.0) for c in rows.channels)
-    seen = [shape(drawn(rng, usual + times * more))[0] < ASSUMED.unusual for _ in range(40)]
-    assert least <= sum(seen) <= most
-
-
-@pytest.mark.slow
-@pytest.mark.parametrize("shape", [lambda path: np.sin(6.0 * path), lambda path: np.exp(-8.0 * path)])
-def test_the_larger_of_two_misfits_is_the_one_that_is_refused(shape):
-    """A misfit of where the curve is small is large of the ordinate reached so far, and small to a reader."""
-    rows, jacobian = press()
-    rng = np.random.default_rng(8)
-    noise, left = drawn(rng, errors_of(rows, 1e-3, 0.0)), shape(rows.path)
-    seen = []
-    for size in (0.005, 0.02, 0.05, 0.1, 0.2, 0.4):
-        residuals = fitted(noise + size * left, jacobian)
-        known, free = np.zeros((len(residuals), 1)), null_space(jacobian.T)
-        found = estimate(residuals, free, known, rows, expected=EXPECTED)
-        for channel, misfit in missed(residuals, rows, jacobian, found).items():
-            inside = rows.channel == channel
-            assert misfit.share == np.abs(residuals[inside]).max() == abs(residuals[misfit.row])
-            assert misfit.unexplained <= misfit.share
-            seen.append((misfit.share, misfit.unexplained > 0.02))
-    refused = [share for share, is_refused in seen if is_refused]
-    passed = [share for share, is_refused in seen if not is_refused]
-    assert refused
-    assert passed
-    assert max(passed) < min(refused)
-
-
-def test_what_the_budget_explains_is_no_misfit_of_the_model():
-    rows, jacobian = press()
-    rng = np.random.default_rng(9)
-    known = 0.1 * (rows.path**0.5 * (rows.channel == 0))[:, None]
-    residuals = fitted(drawn(rng, errors_of(rows, 1e-3, 0.0)) + known[:, 0], jacobian)
-    with_cause, without = (
-        estimate(residuals, null_space(jacobian.T), k, rows, expected=EXPECTED) for k in (known, 0.0 * known)
-    )
-    assert missed(residuals, rows, jacobian, with_cause, known)[0].unexplained < 0.01
-    assert missed(residuals, rows, jacobian, without)[0].unexplained > 0.01
 
 
 def test_spots_of_different_tissue_are_seen():

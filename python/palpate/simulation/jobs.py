@@ -25,6 +25,7 @@ from palpate.run.ledger import Ledger
 from palpate.sampling.drawing import NO_ROW
 from palpate.simulation.sweep import Simulations, of_job
 from palpate.study.reading import Study
+from palpate.toml_text import toml_value
 
 
 def jobs(study: Study, design: Design, measured: Mapping[str, Response]) -> list[Job]:
@@ -139,11 +140,11 @@ def _check_searched(study: Study) -> None:
         used |= {root for name in seen for root in study.space.roots(name)}
     for parameter in study.space.parameters:
         if parameter.name not in used:
-            name = ParameterName.parse(parameter.name)
+            name, value = ParameterName.parse(parameter.name), f"{parameter.lower:g} {parameter.unit}"
             raise StudyError(
                 f"{study.place('region', name.region, 'parameters', name.name)}: is searched, but "
                 f"solver '{study.solver.name}' with these settings does not use this parameter; "
-                f'fix it, e.g. {name.name} = ""{parameter.lower:g} {parameter.unit}"'
+                f"fix it, e.g. {name.name} = {toml_value(value) if parameter.unit else value.strip()}"
             )
 
 

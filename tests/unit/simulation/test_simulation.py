@@ -206,7 +206,7 @@ def test_a_search_for_what_the_solver_cannot_see_is_refused(make_study, tissue):
     study = make_study(solver=Blind())
     simulation.check_jobs(make_study(), [], {})
     with pytest.raises(
-        StudyError, match=r"study.toml: region.soft_tissue.parameters.\w+: is searched.*fix it"
+        StudyError, match=r'study.toml: region.soft_tissue.parameters.(\w+): is .* e.g. \1 = "[\d.]+ MPa"$'
     ):
         simulation.check_jobs(study, [], {})
 
