@@ -18,7 +18,6 @@ if TYPE_CHECKING:
 
 DIMENSIONLESS = frozenset({"", "1", "-", "dimensionless"})
 _QUANTITY = re.compile(r"\s*([+-]?(?:\d+\.?\d*|\.\d+)(?:[eE][+-]?\d+)?)\s*(.*?)\s*")
-_COMMA = re.compile(r"\s*[+-]?\d*,\d.*")
 _USUAL = ("mm", "cm", "m", "N", "mN", "kN", "Pa", "kPa", "MPa", "GPa", "N*mm", "N*m", "deg", "rad", "s", "ms",
           "min", "h", "MB", "GB")  # fmt: skip
 """Units that are suggested for one that differs in case alone."""
@@ -68,7 +67,7 @@ def convert(given: object, unit: str, usual: str = "") -> float:
         return _finite(float(given), given, unit)
     if len(given) > _LONGEST:
         raise ValueError(f"{given[:40]!r}… has more than {_LONGEST} characters; {_example(unit)}")
-    if _COMMA.fullmatch(given):
+    if re.fullmatch(r"\s*[+-]?\d*,\d.*", given):
         raise ValueError(f'{given!r} has a decimal comma; write "{given.strip().replace(",", ".")}"')
     match = _QUANTITY.fullmatch(given)
     if match is None:

@@ -18,10 +18,10 @@ ROOT = Path(__file__).parents[2]
 LONGEST_FILE = 500
 LONGEST_FUNCTION = 45
 MOST = {
-    "lines": 76_897,
-    "lines of the core": 33_312,
+    "lines": 76_863,
+    "lines of the core": 33_307,
     "classes": 655,
-    "constants": 769,
+    "constants": 743,
     "long files": 0,
     "long functions": 6,
     "docstrings without a noun first": 0,

@@ -21,8 +21,6 @@ from palpate.units import convert
 WIDE = 4.0
 """Range of the searched modulus, over its estimate: a thin layer on bone is several times stiffer."""
 
-MOTION = "   # as your curves have it"
-STRESS = "   # CHANGE THIS: the ready range, scaled to your stress"
 MARK, HALF_SPACE = "   # CHANGE THIS: ", "   # around a half-space estimate of your force"
 
 
@@ -62,7 +60,8 @@ def _with_motion(text: str, measured: Response) -> str:
         # A curve of more turns is no motion that can be copied.
         if len(turns) <= 6:
             own["twist"] = toml_value([f"{turn:g} deg" for turn in turns])
-    lines = {name: f"{name} = {value}{MOTION}\n" if value else "" for name, value in own.items()}
+    mark = "   # as your curves have it\n"
+    lines = {name: f"{name} = {value}{mark}" if value else "" for name, value in own.items()}
 
     def table(found: re.Match[str]) -> str:
         keys = r"^(depth|twist) = .*\n"
@@ -136,7 +135,9 @@ def _tables_of_test(study: Study, measured: Response) -> Iterator[tuple[str, str
         found = searched.get(name)
         ends = (every[name],) * 2 if found is None else (found.lower, found.upper)
         lower, upper = (toml_value(_quantity(times * end, p, unit)) for end in ends)
-        ranges = f"{{ lower = {lower}, upper = {upper} }}{STRESS}"
+        ranges = (
+            f"{{ lower = {lower}, upper = {upper} }}   # CHANGE THIS: the ready range, scaled to your stress"
+        )
         lines.append(f"{p.name} = {lower if found is None else ranges}")
     yield region.region, "\n".join(lines) + "\n\n"
 

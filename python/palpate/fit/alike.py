@@ -8,9 +8,6 @@ import numpy as np
 from palpate.domain import Curve, FloatArray
 from palpate.fit.spot_term import Correction, SpotTerm
 
-SAME_SHAPE = 0.05
-"""Largest difference of two abscissae along their paths, of the largest, up to which they have one shape."""
-
 
 def path_of(abscissa: FloatArray) -> FloatArray:
     """Travel along a curve up to each point (n,), in ranges of its abscissa."""
@@ -28,7 +25,9 @@ def changed_like(change: FloatArray, of: Curve, ordinate: FloatArray, curve: Cur
     at, known = (path / path[-1] for path in (path_of(curve.abscissa), path_of(of.abscissa)))
     here, there = (each.abscissa / np.abs(each.abscissa).max() for each in (curve, of))
     seen = np.isfinite(ordinate)
-    if np.abs(np.interp(at, known, there) - here).max() > SAME_SHAPE:
+    # Largest difference of two abscissae along their paths, of the largest, up to which they have one
+    # shape.
+    if np.abs(np.interp(at, known, there) - here).max() > 0.05:
         share = (change[seen] @ ordinate[seen]) / (ordinate[seen] @ ordinate[seen])
         changed: FloatArray = share * curve.ordinate
     else:

@@ -18,8 +18,6 @@ from palpate.plugins import hookspecs
 from palpate.plugins.catalogue import Plugins
 from palpate.plugins.registry import GROUP, KINDS, owner_of, suggestion
 
-_NAME = re.compile(r"[a-z]([a-z0-9_]*[a-z0-9])?")
-
 
 @dataclass(frozen=True, slots=True)
 class Kit:
@@ -107,7 +105,11 @@ def _check_free(kind: str, name: str, plugins: Plugins) -> None:
 
 
 def _is_allowed(name: str) -> bool:
-    return bool(_NAME.fullmatch(name)) and not keyword.iskeyword(name) and not keyword.issoftkeyword(name)
+    return (
+        bool(re.fullmatch(r"[a-z]([a-z0-9_]*[a-z0-9])?", name))
+        and not keyword.iskeyword(name)
+        and not keyword.issoftkeyword(name)
+    )
 
 
 def _class(name: str) -> str:

@@ -38,9 +38,6 @@ def temporary_name(name: str) -> str:
     return f".{name}.{secrets.token_hex(8)}.palpate"
 
 
-_TEMPORARY = re.compile(r"\..+\.[0-9a-f]{16}\.palpate")
-
-
 def remove_temporary(folder: Path) -> None:
     """Remove what a killed process was writing in this very folder; a link to a folder is left alone."""
     if folder.is_symlink() or not folder.is_dir():
@@ -51,7 +48,7 @@ def remove_temporary(folder: Path) -> None:
 
 def is_temporary(path: Path) -> bool:
     """Whether palpate gave a file its name while writing it."""
-    return _TEMPORARY.fullmatch(path.name) is not None
+    return re.fullmatch(r"\..+\.[0-9a-f]{16}\.palpate", path.name) is not None
 
 
 def _sync_folder(folder: Path) -> None:

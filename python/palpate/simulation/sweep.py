@@ -27,8 +27,6 @@ from palpate.simulation.cost import SWEEP, WORTH_SAYING_S, cost
 from palpate.simulation.forecast import Forecast
 from palpate.study.reading import Study
 
-_SHARED = (Status.OK, Status.DIVERGED, Status.UNREADABLE)
-
 _Found = Iterator[tuple[str, Simulation]]
 """Simulations with their keys."""
 
@@ -179,7 +177,7 @@ class Simulations:
             ):
                 self._writer.store(keys[index], simulation)
                 self._on_simulated(simulation)
-                if self._cache is not None and simulation.status in _SHARED:
+                if self._cache is not None and simulation.status not in (Status.TIMED_OUT, Status.CRASHED):
                     self._cache.store(keys[index], simulation)
                 if simulation.n_crashes and simulation.status is not Status.CRASHED:
                     repeated.append(simulation.message)

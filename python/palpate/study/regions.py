@@ -19,9 +19,6 @@ from palpate.study.problems import Problems, choice
 from palpate.study.source_positions import Key
 from palpate.units import convert, convert_factor, unit_of
 
-_NAME = re.compile(r"([\w-]+\.)?[^\W\d]\w*")
-_NUMBER = re.compile(r"[+-]?[\d.]+([eE][+-]?\d+)?|[+-]?(nan|inf)")
-
 
 def split_tie(given: object, names: Collection[str]) -> tuple[str, str] | None:
     """Factor and name of what is written as a tie; None for a quantity, such as ``"20 N*mm"``.
@@ -30,8 +27,10 @@ def split_tie(given: object, names: Collection[str]) -> tuple[str, str] | None:
     """
     factor, _, name = given.rpartition("*") if isinstance(given, str) else ("", "", "")
     factor, name = factor.strip(), name.strip()
-    is_tie = name in names or "." in name or _NUMBER.fullmatch(factor)
-    return (factor, name) if factor and is_tie and _NAME.fullmatch(name) else None
+    is_tie = (
+        name in names or "." in name or re.fullmatch(r"[+-]?[\d.]+([eE][+-]?\d+)?|[+-]?(nan|inf)", factor)
+    )
+    return (factor, name) if factor and is_tie and re.fullmatch(r"([\w-]+\.)?[^\W\d]\w*", name) else None
 
 
 def ties_in(table: ParameterTable, names: Collection[str]) -> dict[str, tuple[str, str]]:

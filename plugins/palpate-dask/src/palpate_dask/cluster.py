@@ -3,8 +3,7 @@
 import contextlib
 import importlib
 import logging
-from collections.abc import Iterator, Mapping
-from types import MappingProxyType
+from collections.abc import Iterator
 from typing import Any
 
 import dask
@@ -25,11 +24,6 @@ _CLUSTERS = {
     "local": "LocalCluster",
 }
 
-_NO_PAGES: Mapping[str, list[str]] = MappingProxyType(
-    {"distributed.scheduler.http.routes": [], "distributed.worker.http.routes": []}
-)
-"""What Dask serves over HTTP by itself, to everybody."""
-
 
 @contextlib.contextmanager
 def connected(settings: DaskSettings, n_workers: int) -> Iterator[Client]:
@@ -48,7 +42,10 @@ def connected(settings: DaskSettings, n_workers: int) -> Iterator[Client]:
     with contextlib.ExitStack() as stack:
         stack.enter_context(_quiet())
         # No automatic retry: an unknown name or port is an error at once.
-        stack.enter_context(dask.config.set({"distributed.comm.retry.count": 0, **_NO_PAGES}))
+        alone: dict[str, Any] = {"distributed.comm.retry.count": 0}
+        # By itself Dask serves pages over HTTP, to everybody.
+        alone |= {f"distributed.{part}.http.routes": [] for part in ("scheduler", "worker")}
+        stack.enter_context(dask.config.set(alone))
         if settings.jobqueue is not None:
             cluster = stack.enter_context(_of_batch_system(settings, settings.jobqueue))
         elif settings.address is None and settings.scheduler_file is None:

@@ -7,9 +7,6 @@ import numpy as np
 from palpate.api import FloatArray, IntArray, Mesh, MeshError
 from palpate.api.mesh import outer_faces
 
-FEBIO_NAMES = {3: "tri3", 4: "quad4", 6: "tri6"}
-"""Kinds of faces by their number of nodes."""
-
 
 def contact_faces(mesh: Mesh) -> dict[str, IntArray]:
     """Outer faces whose nodes all belong to the node set ``contact``, by FEBio's name of their kind.
@@ -31,7 +28,8 @@ def contact_faces(mesh: Mesh) -> dict[str, IntArray]:
         faces = outer_faces(kind, mesh.cells[kind], febio=True)
         faces = faces[touchable[faces].all(axis=1)]
         if len(faces):
-            found[FEBIO_NAMES[faces.shape[1]]] = faces
+            # Kinds of faces by their number of nodes.
+            found[{3: "tri3", 4: "quad4", 6: "tri6"}[faces.shape[1]]] = faces
     if not found:
         raise MeshError(
             "mesh: no outer face has all its nodes in the node set 'contact', so FEBio would have nothing "

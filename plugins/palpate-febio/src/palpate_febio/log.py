@@ -10,10 +10,6 @@ BAD_BANNER = "E R R O R   T E R M I N A T I O N"
 LONGEST_LINE = 1000
 """Characters of a line that are looked at: patterns that take quadratic time stay fast on them."""
 
-_VERSION = re.compile(r"^[ \t]*version[ \t]+(\d+\.\d+\S*)", re.MULTILINE)
-_CONVERGED = re.compile(r"^-+ converged at time : (\S+)", re.MULTILINE)
-_FAILED = re.compile(r"^-+ failed to converge at time : (\S+)", re.MULTILINE)
-
 _REASONS: tuple[tuple[re.Pattern[str], str, str], ...] = tuple(
     (re.compile(pattern, re.IGNORECASE | re.MULTILINE), name, remedy)
     for pattern, name, remedy in (
@@ -111,13 +107,14 @@ def read_log(text: str) -> LogSummary:
     """Summary of a log or of what FEBio printed; any text is taken, garbled or cut off."""
     text = _cut(text)
     good, bad = GOOD_BANNER in text, BAD_BANNER in text
-    version = _VERSION.search(text)
-    failed = _FAILED.findall(text)
+    version = re.search(r"(?m)^[ \t]*version[ \t]+(\d+\.\d+\S*)", text)
+    converged = re.findall(r"(?m)^-+ converged at time : (\S+)", text)
+    failed = re.findall(r"(?m)^-+ failed to converge at time : (\S+)", text)
     return LogSummary(
         version=version.group(1) if version else None,
         finished=None if good == bad else good,
         reason=None if good and not bad else last_reason(text),
-        converged=tuple(t for word in _CONVERGED.findall(text) if (t := _time(word)) is not None),
+        converged=tuple(t for t in map(_time, converged) if t is not None),
         failed_at=_time(failed[-1]) if failed else None,
         warnings=tuple(dict.fromkeys(body for kind, body in _boxes(text) if kind == "WARNING")),
     )

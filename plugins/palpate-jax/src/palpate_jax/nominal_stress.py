@@ -22,7 +22,6 @@ between greased plates is ``uniaxial`` with t < 1 and force / area < 0.
 
 from collections.abc import Callable
 from functools import partial
-from types import MappingProxyType
 from typing import NamedTuple
 
 import jax
@@ -43,9 +42,6 @@ STEP_TOLERANCE = 1e-11
 """A transverse stretch has converged when its logarithm moves by less."""
 
 Lateral = Callable[[Array, Array], Array]
-
-LATERAL = MappingProxyType({"uniaxial": -0.5, "equibiaxial": -2.0, "pure_shear": -1.0})
-"""Modes with a free transverse stretch, and the power of t that it has at constant volume."""
 
 
 def _stretches(mode: str, t: Array, y: Array) -> Array:
@@ -110,7 +106,9 @@ def _free_stress(
     def energy(log_t: Array, u: Array) -> Array:
         return jnp.sum(material.energy(_stretches(mode, jnp.exp(log_t), jnp.exp(u)), theta))
 
-    log_t, power = jnp.log(t), LATERAL[mode]
+    # Power of t that the free transverse stretch of a mode has at constant volume.
+    power = {"uniaxial": -0.5, "equibiaxial": -2.0, "pure_shear": -1.0}[mode]
+    log_t = jnp.log(t)
     if incompressible:
         along = jax.grad(lambda x: energy(x, power * x))(log_t)
     else:

@@ -12,8 +12,6 @@ from palpate.api.mesh import spot_axes
 from palpate_limb.repair import extent
 from palpate_limb.surfaces import Surface, solid
 
-_SHARE = re.compile(r"(?:(?P<bone>[\w-]+):)?(?P<share>[+-]?\d+(?:\.\d*)?)\s*%(?:\s*,\s*(?P<angle>[^,]+))?")
-
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Station:
@@ -34,7 +32,8 @@ Place: TypeAlias = FloatArray | Station  # a point (3,) is in the scan's own coo
 def place_of(text: str) -> Place:
     """Place meant by ``"12,30,-4"``, ``"45%,120deg"`` or ``"ulna:95%"``; else a ValueError."""
     given = text.strip()
-    if match := _SHARE.fullmatch(given):
+    share = r"(?:(?P<bone>[\w-]+):)?(?P<share>[+-]?\d+(?:\.\d*)?)\s*%(?:\s*,\s*(?P<angle>[^,]+))?"
+    if match := re.fullmatch(share, given):
         angle, bone = match["angle"], match["bone"] or ""
         if angle is None and not bone:
             raise ValueError(f'{text}: around the limb is where? Add an angle, such as "{given},90deg"')

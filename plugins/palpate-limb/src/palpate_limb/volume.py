@@ -23,14 +23,6 @@ FINER = 0.6
 """Edges of a finer mesh over those of the first: about three times as many nodes."""
 FLATTEST = 2.0
 """Edges over a layer's thickness, at most, under the indenter."""
-HIGHEST = 1.6
-"""Height of an element of a layer over its edge under the indenter, at most: higher ones are slivers."""
-LEAST_BENT = 0.05
-"""Scaled Jacobian below which an element is not bent further."""
-LEAST_LEFT = 0.3
-"""Share of its scaled Jacobian that an element keeps when it is bent, at least."""
-FLATTEST_FILM = 4.0
-"""Edges over the thickness of the tissue between the skin, or layers, and a bone, at most."""
 COVER_MM = 1.5
 """Tissue of the core around a bone that the layers reach, and share of the bone's depth that it may be."""
 
@@ -107,7 +99,8 @@ def _layered(segment: Segment, plan: MeshPlan, depths_mm: Sequence[float]) -> Ex
         near = np.unique(boundary["skin"])
         of_bones = [bone.nearest(points[near])[1] for bone in segment.bones]
         room[near] = segment.skin.nearest(points[near])[1] + np.min(of_bones, axis=0) - cover
-    highest = HIGHEST * plan.size.fine_mm
+    # Height of an element of a layer over its edge under the indenter, at most: higher ones are slivers.
+    highest = 1.6 * plan.size.fine_mm
     return extruded(points, tets, boundary, segment.skin, depths_mm, highest, room)
 
 
@@ -152,7 +145,8 @@ def _largest_edges(points: FloatArray, segment: Segment) -> FloatArray:
     if not segment.bones:
         return np.full(len(points), np.inf)
     to_bone = np.min([bone.nearest(points)[1] for bone in segment.bones], axis=0)
-    return FLATTEST_FILM * np.asarray(segment.skin.nearest(points)[1] + to_bone)
+    # Edges over the thickness of the tissue between the skin, or layers, and a bone, at most.
+    return 4.0 * np.asarray(segment.skin.nearest(points)[1] + to_bone)
 
 
 def _positive(points: FloatArray, tets: IntArray) -> IntArray:
@@ -286,7 +280,8 @@ def _accepted(points: FloatArray, target: FloatArray, cells: IntArray) -> FloatA
     """The points moved to their targets, but half as far or not at all in elements that would suffer."""
     share = np.ones(len(points))
     before = scaled_jacobians(points, cells)
-    least = np.minimum(before, np.maximum(LEAST_BENT, LEAST_LEFT * before))
+    # No element is bent further below this scaled Jacobian, nor to less than this share of its own.
+    least = np.minimum(before, np.maximum(0.05, 0.3 * before))
     for factor in (0.5, 0.0, 0.0):
         moved = points + share[:, None] * (target - points)
         bad = scaled_jacobians(moved, cells) < least

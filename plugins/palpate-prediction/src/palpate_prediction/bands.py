@@ -15,9 +15,6 @@ from palpate_certainty.api import matern
 LEVEL = 0.90
 """Probability of a band."""
 
-MOST_DRAWS = 400
-"""Draws of a linear band; more change its ends by less than its own error."""
-
 Thetas = Mapping[str, FloatArray]
 """Textbook values by region."""
 
@@ -57,7 +54,8 @@ def values_at(spot: str, found: Fitted, table: Callable[[str], pl.DataFrame]) ->
     rows = next((each for name in tables if (each := rows_of(name, label)).height), None)
     if rows is None:
         return SpotValues(values, [], source)
-    some = rows[np.linspace(0, rows.height - 1, min(rows.height, MOST_DRAWS)).astype(int)]
+    # Draws of a linear band; more change its ends by less than its own error.
+    some = rows[np.linspace(0, rows.height - 1, min(rows.height, 400)).astype(int)]
     drawn = some.select(name for name in values if name in some.columns).to_dicts()
     return SpotValues(values, [dict(values) | row for row in drawn], source)
 
@@ -147,9 +145,6 @@ ENDS: Mapping[str, str] = MappingProxyType(
 )
 """Ends of the strains that solvers report, in words; the fitted material was seen between them."""
 
-TOLERANCE = 1e-3
-"""Excess that counts as none."""
-
 
 def exceedances(
     experiment: Mapping[str, Mapping[str, Any]], predicted: Mapping[str, Simulation]
@@ -176,7 +171,8 @@ def _exceeded(
                 sign = 1.0 if name.endswith("_max") else -1.0
                 reached = max(sign * value for each in known for value in each[name])
                 values = sign * np.array(found[name])
-                beyond = values > reached + TOLERANCE
+                # Excess that counts as none.
+                beyond = values > reached + 1e-3
                 first = int(np.argmax(beyond))
                 place = found["where_mm"][int(np.argmax(values))]
                 yield {

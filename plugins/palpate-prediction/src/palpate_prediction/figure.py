@@ -12,7 +12,6 @@ from palpate.api import Channel
 from palpate_prediction.predict import Prediction, SpotPrediction
 from palpate_report.api import LINES, column_mm, draw_map, lettered, save, sized, styled
 
-ROW_MM = 92.0
 KPA = 1e3
 
 
@@ -21,7 +20,7 @@ def draw(prediction: Prediction, channels: Mapping[str, Channel], folder: Path) 
     names = list(dict.fromkeys(c for each in prediction.spots.values() for c in _response(each)))
     n = len(names)
     with styled():
-        figure = sized(column_mm(True), ROW_MM * len(prediction.spots))
+        figure = sized(column_mm(True), 92.0 * len(prediction.spots))
         grid = figure.add_gridspec(2 * len(prediction.spots), 2 * n)
         every = []
         for k, (spot, each) in enumerate(prediction.spots.items()):

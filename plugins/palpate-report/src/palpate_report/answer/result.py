@@ -23,9 +23,6 @@ from palpate_report.data.report_data import ReportData, label_of
 from palpate_report.data.showable import is_own
 from palpate_report.data.tables import make_tables
 
-NOTHING = "no set fits all spots"
-"""Conclusion where nothing leads."""
-
 
 def ordered(sections: Mapping[str, type[Section]]) -> list[type[Section]]:
     """Sections in the order of the page: each plugin's follows the one that it names, or is the last."""
@@ -141,7 +138,7 @@ class Conclusion:
         worst = ", the worst first" if len(self.warnings) > 1 else ""
         warned = f"{len(self.warnings)}{worst}: {'; '.join(map(_coded, self.warnings))}"
         return {
-            "Conclusion": f"{study.name} ({data}): {self.headline or NOTHING}",
+            "Conclusion": f"{study.name} ({data}): {self.headline or 'no set fits all spots'}",
             **({"Mesh": self.mesh} if self.mesh else {}),
             **({"Spots": self.between_spots} if self.between_spots else {}),
             "Parameters": found or "none, for the reason above",

@@ -23,9 +23,6 @@ ABOVE = np.eye(3)
 ELEVATION_DEG, TURN_DEG = 22.0, 25.0
 """Camera from the side: above the tangent plane of the spot, and away from square to the limb."""
 
-GLASS = 0.4
-"""Opacity of a surface that is seen through."""
-
 AMBIENT = 0.65
 """Share of the light that comes from everywhere."""
 
@@ -51,7 +48,7 @@ def from_the_side(limb: Limb) -> FloatArray:
 
 
 def draw_limb(
-    axis: Axes, limb: Limb, parts: Sequence[ViewPart], camera: FloatArray, *, glass: float = GLASS
+    axis: Axes, limb: Limb, parts: Sequence[ViewPart], camera: FloatArray, *, glass: float = 0.4
 ) -> None:
     """Draw parts of a limb around its spot as one picture.
 

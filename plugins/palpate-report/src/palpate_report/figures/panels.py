@@ -29,9 +29,6 @@ from palpate_report.figures.style import (
     symbols,
 )
 
-N_COLUMNS = 3
-"""Most panels side by side."""
-
 MOST_TRIANGLES = 8000
 """Triangles of a limb that is drawn for print."""
 
@@ -189,4 +186,5 @@ def contact(data: ReportData) -> Figure:
 
 def _panels(n: int, height_mm: float) -> tuple[Figure, list[Any]]:
     """Figure with so many panels of this height; four are in two rows."""
-    return panels(n, 2 if n == 4 else min(n, N_COLUMNS), height_mm, 15.0)
+    # Most panels side by side.
+    return panels(n, 2 if n == 4 else min(n, 3), height_mm, 15.0)
