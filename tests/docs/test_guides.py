@@ -82,7 +82,6 @@ def group():
     return get_command(app)
 
 
-@pytest.mark.slow
 @pytest.mark.parametrize("guide", GUIDES, ids=lambda path: str(path.relative_to(ROOT)))
 def test_every_call_is_one_that_palpate_understands(guide, group):
     for line in commands_of(guide):

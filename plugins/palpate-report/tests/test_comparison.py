@@ -196,7 +196,7 @@ def test_a_point_that_is_repeated_counts_about_once(n, times):
 
 
 def test_a_run_is_named_by_its_material_or_by_its_folder(swept):
-    assert list(named({Path("runs/a"): swept})) == ["spongy"]
+    assert list(named({Path("runs/a"): swept})) == ["Spongy"]
     assert list(named({Path("runs/a"): swept, Path("runs/b"): swept})) == ["a", "b"]
     assert list(named({Path("x/a"): swept, Path("y/a"): swept})) == ["x/a", "y/a"]
 

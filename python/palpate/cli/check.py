@@ -206,4 +206,4 @@ def _meshes(study: "Study", checked: "StudyInputs", spot: str) -> str:
 
 def _peak(session: Session, curve: "Curve") -> str:
     channel = session.plugins.channels[curve.channel]
-    return f"{curve.channel} {abs(curve.ordinate).max():.4g} {channel.units[1]}"
+    return f"{curve.channel.replace('_', ' ')} {abs(curve.ordinate).max():.4g} {channel.units[1]}"

@@ -195,9 +195,7 @@ class ParameterSpace:
             name: float(value)
             for r in self.regions
             for name, value in zip(
-                r.full_names.values(),
-                r.material.from_textbook(thetas[r.region], r.convention),
-                strict=True,
+                r.full_names.values(), r.material.from_textbook(thetas[r.region], r.convention), strict=True
             )
         }
         return values | self.ratios(values)

@@ -354,10 +354,7 @@ class _Worker:
     """One worker process, and the threads that read its answers and its output."""
 
     def __init__(
-        self,
-        setup: _Setup,
-        n_threads: int,
-        events: "queue.SimpleQueue[tuple[_Worker, tuple[Any, ...]]]",
+        self, setup: _Setup, n_threads: int, events: "queue.SimpleQueue[tuple[_Worker, tuple[Any, ...]]]"
     ) -> None:
         self.ready = False
         self.limb_name: str | None = None

@@ -67,11 +67,7 @@ def fitted(study: Study, selection: pl.DataFrame, generalisation: pl.DataFrame, 
 
 
 def reported_rows(
-    spots: Sequence[str],
-    main: str,
-    selection: pl.DataFrame,
-    generalisation: pl.DataFrame,
-    fit: FitResult,
+    spots: Sequence[str], main: str, selection: pl.DataFrame, generalisation: pl.DataFrame, fit: FitResult
 ) -> pl.DataFrame:
     """Rows of the one fit or set that a run reports, by spot; empty where there is none.
 

@@ -96,11 +96,9 @@ def outer_faces(kind: str, cells: IntArray, *, febio: bool = False) -> IntArray:
 
 def triangles_of(faces: IntArray) -> IntArray:
     """Triangles (m, 3) that cover faces (n, 3), (n, 4) or (n, 6), over all of their nodes."""
-    corners = {
-        3: ((0, 1, 2),),
-        4: ((0, 1, 2), (0, 2, 3)),
-        6: ((0, 3, 5), (3, 1, 4), (5, 4, 2), (3, 4, 5)),
-    }[faces.shape[1]]
+    corners = {3: ((0, 1, 2),), 4: ((0, 1, 2), (0, 2, 3)), 6: ((0, 3, 5), (3, 1, 4), (5, 4, 2), (3, 4, 5))}[
+        faces.shape[1]
+    ]
     return np.concatenate([faces[:, list(three)] for three in corners])
 
 

@@ -52,10 +52,7 @@ class Catalogue(Mapping[str, T]):
     """
 
     def __init__(
-        self,
-        noun: str,
-        entries: Mapping[str, tuple[T, str]],
-        broken: Sequence[BrokenPlugin] = (),
+        self, noun: str, entries: Mapping[str, tuple[T, str]], broken: Sequence[BrokenPlugin] = ()
     ) -> None:
         self.noun = noun
         self._entries = dict(entries)

@@ -6,16 +6,7 @@ from pathlib import Path
 
 import numpy as np
 
-from palpate.domain import (
-    BoolArray,
-    FloatArray,
-    Job,
-    Limb,
-    ParameterSpace,
-    Response,
-    Simulation,
-    Spot,
-)
+from palpate.domain import BoolArray, FloatArray, Job, Limb, ParameterSpace, Response, Simulation, Spot
 from palpate.domain.component import Component, SettingsT
 from palpate.domain.material import Material
 from palpate.plugins.provides import Provides

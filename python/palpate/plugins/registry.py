@@ -250,11 +250,7 @@ class Registry:
 
 
 def registered(
-    files: Sequence[Path],
-    *,
-    entry_points: bool,
-    without: Sequence[str] = (),
-    modules: Sequence[object] = (),
+    files: Sequence[Path], *, entry_points: bool, without: Sequence[str] = (), modules: Sequence[object] = ()
 ) -> Registry:
     """Import the core's plugin, those released with it, other installed ones by name, modules, and files.
 

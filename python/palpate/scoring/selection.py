@@ -41,10 +41,7 @@ def objectives(scores: pl.DataFrame, scenarios: Sequence[Scenario]) -> pl.DataFr
     names = [scenario.name for scenario in scenarios]
     return (
         pl.concat(frames)
-        .with_columns(
-            _place("spot", spots).alias("_spot"),
-            _place("scenario", names).alias("_scenario"),
-        )
+        .with_columns(_place("spot", spots).alias("_spot"), _place("scenario", names).alias("_scenario"))
         .sort("_spot", "_scenario", "set_id")
         .drop("_spot", "_scenario")
     )
@@ -213,12 +210,7 @@ def by_reason(found: pl.DataFrame) -> pl.DataFrame:
     reason = pl.when(message.n_unique() == 1).then(message.first()).otherwise(masked)
     return (
         found.group_by("status", alike, maintain_order=True)
-        .agg(
-            reason.alias("reason"),
-            pl.col("n").sum(),
-            pl.col("example").first(),
-            pl.col("remedy").first(),
-        )
+        .agg(reason.alias("reason"), pl.col("n").sum(), pl.col("example").first(), pl.col("remedy").first())
         .drop("alike")
         .sort("n", descending=True, maintain_order=True)
     )

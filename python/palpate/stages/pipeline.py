@@ -321,12 +321,7 @@ def run_stage(
 
 
 def measure(
-    study: Study,
-    run_folder: Path,
-    plugins: Plugins,
-    progress: Progress = SILENT,
-    *,
-    plots: bool = False,
+    study: Study, run_folder: Path, plugins: Plugins, progress: Progress = SILENT, *, plots: bool = False
 ) -> Mapping[str, Response]:
     """Read the measured curves into ``measured/<spot>.parquet``.
 

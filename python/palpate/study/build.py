@@ -15,11 +15,7 @@ from palpate.plugins.catalogue import Catalogue, Plugins
 from palpate.plugins.guard import answering_for
 from palpate.plugins.parametrisation import Parametrisation
 from palpate.plugins.score import ScoringRules
-from palpate.study.model import (
-    ScenarioTable,
-    SelectionTable,
-    StudyFile,
-)
+from palpate.study.model import ScenarioTable, SelectionTable, StudyFile
 from palpate.study.problems import Problems, choice
 from palpate.study.source_positions import Key
 

@@ -125,8 +125,7 @@ class SpotTable(Table):
 
     name: Name = Field(description="Name of the spot.")
     measured: Annotated[
-        dict[str, list[str]],
-        BeforeValidator(_by_channel, json_schema_input_type=Files | dict[str, Files]),
+        dict[str, list[str]], BeforeValidator(_by_channel, json_schema_input_type=Files | dict[str, Files])
     ] = Field(
         min_length=1,
         description="File of the measured curves, or one file per channel, by channel name. A list of "
@@ -154,8 +153,7 @@ class SpotTable(Table):
         default=None, description="Differences at this spot, such as another indenter."
     )
     settings: dict[str, Any] = Field(
-        default={},
-        description="Settings of the loader for this spot's files, in addition to [experiment].",
+        default={}, description="Settings of the loader for this spot's files, in addition to [experiment]."
     )
 
 

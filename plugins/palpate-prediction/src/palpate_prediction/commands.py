@@ -27,7 +27,7 @@ def predict(
 ) -> None:
     """Predict force, moment, pressure and shear under another tool, with bands."""
     from palpate.api.runs import RunDirectory, read_tool
-    from palpate_prediction.files import notes, write_prediction
+    from palpate_prediction.files import notes, summary_table, write_prediction
     from palpate_prediction.predict import run_prediction
 
     folder = find_run(run)
@@ -50,7 +50,8 @@ def predict(
         }
         session.json(output)
         return
-    session.frame("Prediction", found.summary)
+    table = summary_table(found.summary)
+    session.table(table.caption, table.columns, table.rows)
     for text in notes(found, study.notice):
         session.say(text)
     session.labelled("Page", files[-1].resolve().as_uri())

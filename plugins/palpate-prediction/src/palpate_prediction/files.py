@@ -1,6 +1,6 @@
 """A prediction as files: tables, VTU of the skin, a figure, and a page."""
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Collection, Iterator, Mapping
 from pathlib import Path
 from types import MappingProxyType
 from typing import Any
@@ -11,12 +11,12 @@ from palpate.api import Channel, Indenter, Quantity, SurfaceStates
 from palpate.api.cli import Closed
 from palpate.api.files import write_atomically
 from palpate.api.fit import Adequacy
-from palpate.api.report import Paragraph, Picture, Table
+from palpate.api.report import Block, Paragraph, Picture, Table
 from palpate.api.runs import file_name, parquet
 from palpate_prediction.bands import ENDS
 from palpate_prediction.predict import Prediction, SpotPrediction
 from palpate_prediction.summary import QUANTITIES
-from palpate_report.api import Headline, comparison_page, in_words
+from palpate_report.api import Headline, comparison_page, in_words, rounded
 
 
 class PredictOutput(Closed):
@@ -74,17 +74,19 @@ def write_prediction(
     figures = draw(prediction, channels, folder)
     (svg,) = (path for path in figures if path.suffix == ".svg")
     picture = Picture(label="Curves, contact pressure and contact shear", content=svg.read_bytes())
-    texts = map(Paragraph, notes(prediction, notice))
+    texts, first = [Paragraph(text) for text in notes(prediction, notice)], 2 + bool(notice)
+    # First what is predicted, with the verdict and the place of an extrapolation; then how it is made.
+    top: list[Block] = [*texts[:first], texts[-1], summary_table(prediction.summary), picture]
     page = comparison_page(
         f"Prediction for {prediction.tool.name}",
-        (*texts, _summary(prediction.summary), picture, *_strains(prediction.strains)),
+        (*top, *texts[first:-1], *_strains(prediction.strains)),
         [path.relative_to(folder) for path in (*files, *figures)],
     )
     write_atomically(folder / "index.html", page.encode())
     return (*files, *figures, folder / "index.html")
 
 
-def _summary(frame: pl.DataFrame) -> Table:
+def summary_table(frame: pl.DataFrame) -> Table:
     """Quantities under the tool with their bands."""
     known = {name for name in frame.columns if frame[name].count()}
     bands = {name: head for name, head in BANDS.items() if f"{name}_lower" in known}
@@ -100,7 +102,7 @@ def _summary(frame: pl.DataFrame) -> Table:
             )
             for name in bands
         ]
-        value = next((each.text for each in values if each.interval), row["value"])
+        value = next((each.text for each in values if each.interval), rounded(row["value"]))
         name = f"{row['quantity']} ({row['unit']})"
         rows.append([row["spot"], name, value, *(each.interval or None for each in values)])
     caption = "Under the tool, at its largest force"
@@ -114,8 +116,8 @@ def _strains(frame: pl.DataFrame) -> Iterator[Table]:
             row["spot"],
             in_words(row["region"]),
             ENDS[row["strain"]],
-            row["experiment"],
-            row["prediction"],
+            rounded(row["experiment"]),
+            rounded(row["prediction"]),
             f"from depth {row['from_depth_mm']:.3g} mm" if row["beyond"] else "no",
         ]
         for row in frame.iter_rows(named=True)
@@ -171,7 +173,9 @@ def notes(prediction: Prediction, notice: str) -> list[str]:
             "Each draw has fitted values, a friction of the tool, a mesh error and a model error. "
             "Assumed: pressure and shear scale with force; the contact area is fixed."
         )
-        lines.append(_of_model(prediction.model_errors))
+        lines.append(
+            _of_model(prediction.model_errors, {c for p in prediction.spots.values() for c in p.bands})
+        )
         lines += [f"Mesh error at {spot}: {_errors(each)}." for spot, each in prediction.spots.items()]
         lines += [
             f"warning: at {spot} these errors come from [budget] alone, and may be far larger under another "
@@ -199,11 +203,15 @@ def _in_time(motion_s: float, record_s: float) -> str:
     return f"warning: {text} The experiment tells {record_s:.3g} s of it: later forces are an extrapolation."
 
 
-def _of_model(errors: pl.DataFrame) -> str:
-    """Sentence on the model error of the curves."""
+def _of_model(errors: pl.DataFrame, channels: Collection[str]) -> str:
+    """Sentence on the model error of the curves of some channels, as far as these were fitted."""
     if errors.is_empty():
         return "warning: The bands lack the model error. Run `palpate run` again to store it in the run."
-    of = errors.group_by("channel", maintain_order=True).agg((pl.col("sd") ** 2).sum().sqrt())
+    of = (
+        errors.filter(pl.col("channel").is_in(list(channels)))
+        .group_by("channel", maintain_order=True)
+        .agg((pl.col("sd") ** 2).sum().sqrt())
+    )
     sizes = (f"{in_words(name)} {100.0 * sd:.2g} %" for name, sd in of.iter_rows())
     return f"Model error (standard deviation over the peak): {', '.join(sizes)}."
 

@@ -12,7 +12,12 @@ if TYPE_CHECKING:
     )
     from palpate_report.answer.result import Report as Report
     from palpate_report.data.display_units import rows_in_display_units as rows_in_display_units
-    from palpate_report.data.marks import Headline as Headline, in_words as in_words, with_unit as with_unit
+    from palpate_report.data.marks import (
+        Headline as Headline,
+        in_words as in_words,
+        rounded as rounded,
+        with_unit as with_unit,
+    )
     from palpate_report.data.report_data import ReportData as ReportData, brief_names as brief_names
     from palpate_report.data.table_files import markdown as markdown
     from palpate_report.figures.limb_drawing import ABOVE as ABOVE, draw_limb as draw_limb

@@ -11,6 +11,7 @@ from palpate.api import FloatArray, IsotropicMaterial, RegionMaterial, convert
 from palpate.api.fit import every_value
 from palpate.api.mechanics import nominal_stress
 from palpate_report.answer.headline import draws_of
+from palpate_report.data.marks import in_words, rounded
 from palpate_report.data.report_data import ReportData
 
 
@@ -98,7 +99,7 @@ SHOWN = {"stretch": (0.7, 0.8, 0.9, 1.1, 1.2, 1.3), "amount of shear": (0.2, 0.4
 """Amounts in the table."""
 
 
-def rows_of(curves: MaterialCurves, leads: str) -> Iterator[list[str | float | None]]:
+def rows_of(curves: MaterialCurves, leads: str) -> Iterator[list[str | None]]:
     """Rows of a table: region, stress, amount, then value and band of the fit that leads."""
     if leads not in curves.stress:
         return
@@ -106,4 +107,5 @@ def rows_of(curves: MaterialCurves, leads: str) -> Iterator[list[str | float | N
     for amount in SHOWN[curves.path.axis]:
         k = int(np.argmin(np.abs(curves.path.amounts - amount)))
         values = [None if each is None else float(each[k]) for each in every]
-        yield [curves.region, curves.path.label, f"{curves.path.axis} {amount:g}", *values]
+        texts = (None if each is None else rounded(each, *values[1:]) for each in values)
+        yield [in_words(curves.region), curves.path.label, f"{curves.path.axis} {amount:g}", *texts]

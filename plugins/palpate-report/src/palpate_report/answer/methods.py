@@ -5,6 +5,7 @@ from pathlib import Path
 
 from palpate.api import Indentation, convert
 from palpate.api.runs import FINE
+from palpate_report.answer.law import law_name
 from palpate_report.answer.model_verdict import NO_PARAMETERS
 from palpate_report.answer.next_step import CAUSES
 from palpate_report.data.marks import Headline, in_words, with_minus, with_unit
@@ -87,7 +88,7 @@ def _materials(data: ReportData) -> Iterator[str]:
         fixed = ", ".join(values)
         tied = ", ".join(region.tied)
         yield (
-            f"The region {region.region} had the material {region.material.name} ({region.convention})"
+            f"The {in_words(region.region)} had the law {law_name(region.material)} ({region.convention})"
             f"{f', with {fixed} fixed' if fixed else ''}{f', {tied} tied' if tied else ''}."
         )
     ranges = (
@@ -113,12 +114,12 @@ def _search(data: ReportData) -> Iterator[str]:
             "simulated first."
         )
     where = ", jointly over all spots" if len(data.spots) > 1 else ""
-    fopt = f"Fopt, the score {rules.name} of {weights} (scenario {scenario.name}){where}"
+    fopt = f"Fopt, the {rules.name.upper()} of {weights} (scenario {scenario.name}){where}"
     if not data.is_fitted:
         yield f"The set with the least {fopt} was selected."
         return
     began = "their best" if data.design.n_sets else "the middle of the ranges"
-    yield f"The search {study.search.name} began at {began} and minimised {fopt}."
+    yield f"The search ({in_words(study.search.name)}) began at {began} and minimised {fopt}."
     (row,) = data.leading_rows(data.fit.ends).to_dicts()
     mean = "Mean Fopt over the spots" if len(data.spots) > 1 else "Fopt"
     if data.leading_rows(data.fit.intervals).is_empty():

@@ -9,7 +9,7 @@ from palpate_report.answer.failed_checks import failed_checks
 from palpate_report.data.marks import Headline, in_words
 from palpate_report.data.report_data import ReportData
 
-WRITE_UP = "every parameter is identified; write the paper with report/methods.md (docs/write-it-up.md)"
+WRITE_UP = "every parameter is identified; print the material with its intervals: `palpate card runs/{name}`"
 
 CAUSES: Mapping[str, str] = MappingProxyType(
     {
@@ -59,12 +59,12 @@ REMEDIES: Mapping[str, str] = MappingProxyType(
 )
 """How to make a cause smaller that no other evidence is needed for."""
 
-OTHER_MATERIAL = "compare other laws: `palpate compare STUDY --materials all`"
+OTHER_MATERIAL = "compare other laws: `palpate compare {name} --materials all`"
 
 AFTER_REFUSAL: Mapping[str, str] = MappingProxyType(
     {
         "specimen": OTHER_MATERIAL,
-        "discrepancy": f"check first contact, friction and sensor by the residuals; else {OTHER_MATERIAL}",
+        "discrepancy": f"check first contact, friction and sensor by the residuals; then {OTHER_MATERIAL}",
         "ranges": "widen the ranges, and run again",
         "": "check units, signs and columns of the measured curves, and run again",
     }
@@ -88,18 +88,19 @@ def next_step(data: ReportData, estimates: Sequence[Headline], *, model: Adequac
         Verdict on the model of what leads.
     """
     if data.unfinished:
-        return "finish the run: `palpate run RUN`"
+        return f"finish the run: `palpate run runs/{data.study.name}`"
     if model is Adequacy.FAILS:
         main = (data.together, data.generalising.name)
         failed = (each for each in failed_checks(data) if each.verdict is model)
-        return AFTER_REFUSAL[next((e.kind for e in failed if (e.fit, e.scenario) == main), "")]
+        advice = AFTER_REFUSAL[next((e.kind for e in failed if (e.fit, e.scenario) == main), "")]
+        return advice.format(name=data.study.name)
     if at_end := ", ".join(p.parameter for p in estimates if p.at_bound and p.identifiability != "not"):
         return f"widen the range of {at_end} and run again; simulations are kept"
     if model is Adequacy.APPROXIMATES:
-        return OTHER_MATERIAL
+        return OTHER_MATERIAL.format(name=data.study.name)
     open_ones = [each for each in estimates if each.identifiability != "well"]
     if not open_ones:
-        return WRITE_UP if estimates else ""
+        return WRITE_UP.format(name=data.study.name) if estimates else ""
     if any(each.level is None for each in open_ones):
         return "search with a fit, which finds 95 % intervals and their causes (docs/fit.md)"
     return _narrower(data, max(open_ones, key=_relative_width))
@@ -121,13 +122,12 @@ def _narrower(data: ReportData, worst: Headline) -> str:
     cause, share = budget["cause"][0], f"{100.0 * budget['share'][0]:.0f} %"
     if cause in ("range", "priors"):
         why = "is known by its prior alone" if cause == "priors" else "hardly changes the curves"
-        return f"{worst.parameter} {why}: {_more(data, worst)}, or fix its value"
+        return f"{worst.parameter} {why}: {_more(data, worst)}"
     remedy = REMEDIES.get(cause, "measure it elsewhere, and state its error in `[budget.parameters]`")
     if cause == "model":
-        smaller = "" if _shows_misfit(data) else "state a smaller one if you know better, or "
-        remedy = f"{smaller}{_more(data, worst)}"
+        remedy = _more(data, worst)
     elif cause == "mesh":
-        remedy = f"{_finer(data)}, or {_more(data, worst)}" if _is_scatter(data) else _finer(data)
+        remedy = _more(data, worst) if _is_scatter(data) else _finer(data)
     of = f"{CAUSES.get(cause, cause)}{_basis(data, cause)}"
     return f"{worst.parameter} is limited by {of}: {share} of its variance; {remedy}"
 
@@ -156,7 +156,7 @@ def _basis(data: ReportData, cause: str) -> str:
 def _more(data: ReportData, worst: Headline) -> str:
     if data.study.protocol is None:
         return "measure another kind of test"
-    return f"press deeper or elsewhere (`palpate next RUN --for {worst.name}` ranks presses)"
+    return f"rank further presses: `palpate next runs/{data.study.name} --for {worst.name}`"
 
 
 def _is_scatter(data: ReportData) -> bool:

@@ -238,7 +238,7 @@ def _lead(data: ReportData) -> tuple[str, list[str], str]:
     if best is not None:
         values = [_equation(each) for each in (*best.values, *best.moduli)]
         of = f"At {where}" if where != ALL_SPOTS else f"One material for all {len(data.spots)} spots"
-        fopt = f"{'mean ' if where == ALL_SPOTS else ''}Fopt {best.fopt:.4g}{_least(best)}"
+        fopt = f"{'mean ' if where == ALL_SPOTS else ''}Fopt {best.fopt:.2g}{_least(best)}"
         least = "at least " if where == ALL_SPOTS else ""
         r2 = [
             f"R² {in_words(name)} {least}{at:.4g}"
@@ -256,7 +256,7 @@ def _lead(data: ReportData) -> tuple[str, list[str], str]:
     values = [
         _equation(Headline(parameter=p.name, unit=p.unit, value=row[name])) for name, p in data.brief.items()
     ]
-    quality = f"mean Fopt {row['fopt_mean']:.4g}{spread} (scenario {row['scenario']})"
+    quality = f"mean Fopt {row['fopt_mean']:.2g}{spread} (scenario {row['scenario']})"
     return f"One set for all {len(data.spots)} spots{of}", [f"set {row['set_id']}", *values], quality
 
 
@@ -268,9 +268,9 @@ def _equation(value: Headline) -> str:
 
 def _least(best: Best) -> str:
     """Least Fopt of the search in brackets, where it is another than Fopt of the values."""
-    if best.fopt_least is None or f"{best.fopt_least:.4g}" == f"{best.fopt:.4g}":
+    if best.fopt_least is None or f"{best.fopt_least:.2g}" == f"{best.fopt:.2g}":
         return ""
-    return f" (the least: {best.fopt_least:.4g})"
+    return f" (the least: {best.fopt_least:.2g})"
 
 
 def _spent(data: ReportData) -> str:

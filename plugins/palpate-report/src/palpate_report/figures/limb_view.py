@@ -14,6 +14,7 @@ import numpy as np
 
 from palpate.api import FloatArray, Indenter, IntArray, Limb, Mesh, MeshError, Spot
 from palpate.api.mesh import CELLS, barycentric, quadratic_simplex, spot_axes
+from palpate_report.data.marks import in_words
 
 Role = Literal["contact", "fixed", "free", "interface", "indenter"]
 
@@ -200,7 +201,7 @@ def _indenter(spot: Spot, indenter: Indenter) -> ViewPart:
 
 def _trace(part: ViewPart) -> dict[str, Any]:
     colour, opacity = LOOKS[part.role]
-    about = part.name if part.name == part.region or not part.region else f"{part.name} ({part.region})"
+    about = part.name if part.region in ("", part.name) else f"{part.name} ({in_words(part.region)})"
     return {
         "type": "mesh3d",
         "name": about,

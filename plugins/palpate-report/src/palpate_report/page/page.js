@@ -312,7 +312,7 @@
     traces.forEach((t) => {
       if (t.type === "scatter3d" && t.mode === "lines") t.line = Object.assign({ width: 6 }, t.line, { color: colour("ink") });
     });
-    const side = (title) => axis(title, { backgroundcolor: "rgba(0,0,0,0)" });
+    const side = (title) => axis(title, { backgroundcolor: "rgba(0,0,0,0)", nticks: 4 });
     const shape = { scene: { aspectmode: "data", camera: camera(), xaxis: side("x (mm)"), yaxis: side("y (mm)"), zaxis: side("z (mm)") },
       showlegend: true, legend: { orientation: "h", y: -0.02 }, margin: { l: 0, r: 0, t: 0, b: 0 }, uirevision: state.spot };
     draw("around", traces, layout(shape));

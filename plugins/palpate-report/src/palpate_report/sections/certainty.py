@@ -9,7 +9,7 @@ from palpate.api.report import Block, Fold, Listing, Paragraph, Section, Table
 from palpate_report.answer.card import causes
 from palpate_report.answer.result import Report
 from palpate_report.data.report_data import ReportData
-from palpate_report.data.tables import printed
+from palpate_report.data.tables import TITLES, printed
 from palpate_report.sections.tables import picture, tables
 
 
@@ -30,7 +30,9 @@ class Certainty(Section):
         yield from picture(
             report, "causes", "Error sources of each interval; the shares are in tables/budget.csv"
         )
-        yield from tables(report, "inadequate")
+        if "inadequate" in report.tables:
+            failed = report.tables["inadequate"].drop("probability", "verdict", "r2", "visible", strict=False)
+            yield Table.of(TITLES["inadequate"], failed)
         yield from tables(report, "between_spots")
         yield Paragraph(
             "Intervals, better-known combinations of parameters, and error sources of every fit: "

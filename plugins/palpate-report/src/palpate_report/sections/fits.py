@@ -3,6 +3,8 @@
 from collections.abc import Iterator, Sequence
 from typing import Any
 
+import polars as pl
+
 from palpate.api.fit import ALL_SPOTS, initial_moduli
 from palpate.api.report import (
     Block,
@@ -19,11 +21,12 @@ from palpate.api.report import (
 )
 from palpate.api.runs import file_name
 from palpate_report.answer.card import IN_THE_OPEN, quality
+from palpate_report.answer.law import searched_laws
 from palpate_report.answer.material import material_curves, rows_of
 from palpate_report.answer.result import Report
 from palpate_report.answer.warnings import kinds
 from palpate_report.data.best import Best
-from palpate_report.data.marks import Headline, in_words, with_unit
+from palpate_report.data.marks import Headline, in_words, rounded, with_unit
 from palpate_report.data.report_data import ReportData
 from palpate_report.data.tables import TITLES, printed
 from palpate_report.sections.tables import picture
@@ -142,6 +145,9 @@ class Fits(Section):
                 "meshes, which extrapolate the curves to zero element size."
             )
             rows = report.tables["fit_mesh"].filter(scenario=data.generalising.name)
+            rows = rows.with_columns(
+                pl.col("parameter").map_elements(data.brief_name, return_dtype=pl.String)
+            )
             yield Table.of(TITLES["fit_mesh"], printed("fit_mesh", rows))
         yield Paragraph(
             "Errors of each fit, and the reason for its end: tables/table2_fit.csv and tables/fit.csv."
@@ -175,6 +181,10 @@ class MaterialItself(Section):
         rows = [row for each in curves for row in rows_of(each, data.together)]
         heads = ["region", "stress", "at", f"value ({data.modulus_unit})", "lower", "upper"]
         yield Table(f"Nominal stress of the fit to {data.together}", heads, rows)
+
+    def result(self, data: ReportData, report: Report) -> str:
+        """Names of the searched laws."""
+        return " and ".join(searched_laws(data.study.space))
 
 
 # ------------------------------------------------------------------- values
@@ -217,10 +227,11 @@ def _by_spot(data: ReportData, bests: Sequence[Best]) -> Table:
     )
 
 
-def _moduli(data: ReportData, bests: Sequence[Best]) -> Iterator[tuple[str, list[float | None]]]:
+def _moduli(data: ReportData, bests: Sequence[Best]) -> Iterator[tuple[str, list[str | None]]]:
     """Rows of the initial moduli of each best set, and of the true value if there is one."""
-    columns = [{each.parameter: each.value for each in best.moduli} for best in bests]
+    columns = [{each.parameter: each.text for each in best.moduli} for best in bests]
     if truth := data.study.truth:
-        columns.append(dict(initial_moduli(data.study.space, truth, data.factors, data.modulus_unit)))
+        known = initial_moduli(data.study.space, truth, data.factors, data.modulus_unit)
+        columns.append({name: rounded(value) for name, value in known})
     for name in dict.fromkeys(name for column in columns for name in column):
         yield f"{name} ({data.modulus_unit})", [column.get(name) for column in columns]
