@@ -7,6 +7,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from palpate.cli.experiment import look_into
 from palpate.cli.init import own_study_text
 from palpate.cli.session import Session
 from palpate.experiment.measured import load_measured
@@ -168,6 +169,14 @@ def _scaled(head: str, row: str, factor: float) -> list[str]:
     return [f"{factor * float(v)}" if v and name.startswith(("force", "torque")) else v for name, v in values]
 
 
+def test_init_says_which_question_of_a_file_is_open(call: Call) -> None:
+    rows = "\n".join(f"{0.01 * k},{2.0 * k}" for k in range(30))
+    Path("own.csv").write_text(f"Strain,Stress\n{rows}\n", encoding="utf-8")
+    outcome = call("init", "own", "--measured", "own.csv", plugin=None)
+    assert outcome.code == 0
+    assert "answer first: Stress shows no unit of stress: give scale, the factor to MPa" in outcome.err
+
+
 @pytest.mark.parametrize(
     ("fit", "searches"),
     [
@@ -184,7 +193,8 @@ def test_init_leaves_what_a_ready_study_searches(
     call("init", "try", plugin=None)
     (tmp_path / "study.toml").write_text(f"[study]\n[protocol]\nfriction = 1.0\n\n{fit}", encoding="utf-8")
     files = ([Path("try/measured/p1.csv")], [Path("try/meshes/p1.vtu")])
-    text = own_study_text(Session(), tmp_path, Path("arm"), *files)
+    found = look_into(files[0][0], None, Session(), None)
+    text = own_study_text(Session(), tmp_path, Path("arm"), *files, found)
     fitted = tomllib.loads(text).get("fit", {})
     assert (fitted.get("searched", {}).get("friction", {}).get("prior") is not None) == searches
 

@@ -219,6 +219,9 @@ def _curves() -> Mapping[str, Callable[[], Layout]]:
             ["Czas [s];Przemieszczenie [mm];Siła [N]", *rows(SECONDS, DEPTH, FORCE, between=";", decimal=","), "Maksimum;8,00;9,05"], "curve"),
         "Spanish words for units": lambda: made(
             ["Desplazamiento;Carga", "milímetros;kilogramos-fuerza", *rows(DEPTH, FORCE / 9.80665, between=";", decimal=",", form="{:.9g}")], "curve"),
+        "Polish letters": lambda: made(
+            ["Właściwości próbki;seg9", "", "Czas;Przemieszczenie;Obciążenie", "(s);(mm);(kN)",
+             *rows(SECONDS, DEPTH, 1e-3 * FORCE, between=";", decimal=",", form="{:.9g}")], "curve", encoding="cp1250"),
         "names on each page": lambda: made(
             ["Depth (mm),Force (N)", *rows(DEPTH[:20], FORCE[:20]), "Page 2", "Depth (mm),Force (N)", *rows(DEPTH[20:], FORCE[20:])], "curve"),
         "columns of fixed width": lambda: made(
@@ -229,6 +232,7 @@ def _curves() -> Mapping[str, Callable[[], Layout]]:
         "turn in German degrees": lambda: made(["Winkel (grad),Moment (Nmm)", *rows(DEPTH, FORCE)], "question"),
         "marks between thousands": lambda: made(
             ['"Travel (um)","Load (mN)"', *[f'"{d:,.1f}","{f:,.2f}"' for d, f in zip((1e3 * DEPTH).tolist(), (1e3 * FORCE).tolist(), strict=True)]], "curve"),
+        "numbers alone": lambda: made([*rows(DEPTH, FORCE)], "question"),
         "two columns without names": lambda: made(["a,b", *rows(DEPTH, FORCE)], "question"),
         "stress by a letter": lambda: made(["lambda_1 [-],P11 [kPa]", *rows(1.0 + STRAIN, STRESS_KPA)], "question"),
         "Arduino and HX711": lambda: made(
@@ -301,6 +305,12 @@ def _curves() -> Mapping[str, Callable[[], Layout]]:
         "tables side by side of two lengths": lambda: made(
             ["Raw,,Annealed,", "Travel,Force,Travel,Force", "mm,N,mm,N",
              *[f"{line},{line}" for line in rows(DEPTH, FORCE)], *[f",,{line}" for line in rows(8.1 + DEPTH, FORCE)]], "curve"),
+        "tension by its preamble": lambda: made(
+            ['"Type of Test","Tensile - Round"', "", "Time,Extension,Load", "(s),(mm),(N)", *rows(SECONDS, DEPTH, FORCE)], "question"),
+        "bending by its preamble": lambda: made(
+            ['"Maximum Load : Flexure extension at Maximum Load","1.5",mm', "", "Time,Extension,Load", "(s),(mm),(N)", *rows(SECONDS, DEPTH, FORCE)], "question"),
+        "compression by its preamble": lambda: made(
+            ['"Test","Compression"', '"Not used","Tensile"', "Time,Extension,Load", "(s),(mm),(N)", *rows(SECONDS, DEPTH, FORCE)], "curve"),
         "bending": lambda: made(["Flexure strain (mm/mm),Flexure stress (kPa)", *rows(STRAIN, STRESS_KPA)], "question"),
         "amplitudes of an oscillation": lambda: made(
             ["Shear Strain (%),Shear Stress (kPa),Storage Modulus (kPa)", *rows(100.0 * STRAIN, STRESS_KPA, STRESS_KPA)], "question"),

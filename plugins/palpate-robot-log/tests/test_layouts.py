@@ -113,8 +113,11 @@ def test_lines_of_names_are_told_from_rows(head: str, names: list[str], tmp_path
 def test_a_row_of_numbers_never_becomes_the_names(head: str, tmp_path: Path) -> None:
     path = tmp_path / "t.csv"
     path.write_text(head + "".join(f"{0.1 * i:.1f},{i * i},{i}\n" for i in range(30)))
+    table = TextTable(path)
+    assert (table.names, table.read()[0].size) == (("column 1", "column 2", "column 3"), 30 + ("0,1" in head))
+    assert "the file names no columns: write them under names" in table.notes()
     with pytest.raises(CurveError, match="holds numbers where column names belong"):
-        TextTable(path)
+        table.read(["column 1"])
 
 
 def test_names_in_a_comment_cost_no_row() -> None:

@@ -55,11 +55,10 @@ def figures(monkeypatch):
     """Figures by file name, kept instead of being written."""
     kept = {}
 
-    def keep(figure, path):
-        kept[path.name] = figure
-        return path
+    def keep(canvas, path, dpi):
+        kept[path.name] = canvas.figure
 
-    monkeypatch.setattr(pictures, "_save", keep)
+    monkeypatch.setattr(pictures.FigureCanvasAgg, "print_figure", keep)
     return kept
 
 

@@ -98,14 +98,17 @@ def _write_own(
     """Write a study of own presses, or of one homogeneous test, with everything else from a ready study."""
     from palpate.cli.half_space import with_own_ranges
 
-    test = "" if not measured or meshes or wrench else look_into(measured[0], None, session, None).test
+    if meshes or wrench or not measured:
+        _check_pairs(measured, meshes)
+    found = look_into(measured[0], wrench, session, None)
+    test = "" if meshes or wrench else found.test
     # The ready study that gives a homogeneous test its solver and material where none is named.
     name = study or ("treloar" if test else FOR_OWN)
     ready = Path(session.plugins.studies[name].directory)
     if test:
-        text = own_test_text(session, ready, folder, measured)
+        text = own_test_text(ready, folder, measured, found)
     else:
-        text = own_study_text(session, ready, folder, measured, meshes, wrench)
+        text = own_study_text(session, ready, folder, measured, meshes, found)
     check_new(folder)
     folder.mkdir(parents=True, exist_ok=True)
     (folder / "study.toml").write_text(text, encoding="utf-8")
@@ -117,10 +120,12 @@ def _write_own(
     kept = "lines marked CHANGE THIS" if has_marks else kept
     session.say(f"{folder / 'study.toml'}: your {own}, everything else from {name}")
     session.note(f"edit before you run: {kept} are copied from {name} and are not yours; check the units")
+    for question in (each for each in found.findings if each.startswith("answer first")):
+        session.note(f"{question}, in the tables that are comments in the study")
     session.next(f"check {folder}")
 
 
-def own_test_text(session: Session, ready: Path, folder: Path, measured: Sequence[Path]) -> str:
+def own_test_text(ready: Path, folder: Path, measured: Sequence[Path], found: "Inspection") -> str:
     """Text of a study of an own homogeneous test, which has no mesh; a StudyError for several files."""
     from palpate.study.reading import parse_toml
 
@@ -129,7 +134,6 @@ def own_test_text(session: Session, ready: Path, folder: Path, measured: Sequenc
             f"{len(measured)} files with --measured and no --mesh; give one homogeneous test, and "
             "name the others by their modes under measured"
         )
-    found = look_into(measured[0], None, session, None)
     file = json.dumps(_from(folder, measured[0]), ensure_ascii=False)
     own = [
         f'[study]\nname = {json.dumps(_name_of(folder.resolve().name))}\ndata = "measured"\n',
@@ -184,16 +188,11 @@ def own_study_text(
     folder: Path,
     measured: Sequence[Path],
     meshes: Sequence[Path],
-    wrench: Path | None = None,
+    found: "Inspection",
 ) -> str:
-    """Text of a study of own presses: their files as the first looks, and else what a ready study has.
-
-    A StudyError where there is not one mesh for each press; a CurveError where no loader can read the first.
-    """
+    """Text of a study of own presses: their files as the first is found, and else what a ready study has."""
     from palpate.study.reading import parse_toml
 
-    _check_pairs(measured, meshes)
-    found = look_into(measured[0], wrench, session, None)
     if found.test:
         raise StudyError(f"{measured[0]}: a homogeneous test ({found.test}) needs no mesh; leave --mesh out")
     measured = [_file_of(file, session) for file in measured]

@@ -230,11 +230,7 @@ def _figure(
         figure = Figure(figsize=size)
         yield figure.subplots(squeeze=False, **grid)
         figure.suptitle(f"{Path(recording.source).name}: {what}", fontsize=10)
-        _save(figure, path)
-
-
-def _save(figure: Figure, path: Path) -> None:
-    FigureCanvasAgg(figure).print_figure(path, dpi=130)
+        FigureCanvasAgg(figure).print_figure(path, dpi=130)
 
 
 @contextmanager

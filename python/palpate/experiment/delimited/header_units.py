@@ -46,17 +46,13 @@ UNITS = frozenset(
 """Units that are believed behind a name without brackets, or alone in a cell, without accents."""
 
 _OF_LABELS = {
-    **dict.fromkeys(("min", "h", "hr"), frozenset(("time", "t", "zeit", "elapsed"))),
-    **dict.fromkeys(
-        ("g", "oz", "N"), frozenset(("force", "load", "weight", "kraft", "last", "fx", "fy", "fz"))
-    ),
+    unit: frozenset(words.split())
+    for units_of, words in _TABLES["labels"].items()
+    for unit in units_of.split()
 }
 """Units that are believed without brackets behind these words alone: x_min is the least x."""
 
-_OTHER_CASE = {
-    unit.lower(): unit
-    for unit in ("kN", "kg", "kgf", "gf", "lbf", "lb", "psi", "kPa", "MPa", "mm", "cm", "deg", "rad", "sec")
-}
+_OTHER_CASE = {unit.lower(): unit for unit in _TABLES["usual"]["other_case"].split()}
 _OF_CAPITALS = {"MilliN": "mN", "MicroN": "uN", "N": "N", "Nm": "Nm", "Um": "um", "Ms": "ms"} | {
     word: f"{word}?" for word in ("Mn", "MN", "UN", "Un", "Us", "Ns")
 }
@@ -66,9 +62,7 @@ _NO_UNITS = {
     "m": re.compile(r"(?i)(.*[\W_])?(ft|wrench)"),
 }
 """Letters that are no units behind some names: the number in sampleN, and the moment in ft.m."""
-_ANNOTATIONS = frozenset(
-    ("x", "y", "z", "w", "filtered", "smoothed", "measured", "meas", "actual", "corrected", "mean", "average")
-)
+_ANNOTATIONS = frozenset(_TABLES["usual"]["annotations"].split())
 """Words in brackets that are no units."""
 
 _WIDE = str.maketrans("（）［］【】：／", "()[][]:/")

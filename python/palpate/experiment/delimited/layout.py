@@ -42,8 +42,6 @@ _LIST_WITH_COMMAS = r'(^|,)\s*([A-Za-z]*\[(?:[^\[\]"]|\[[^\[\]"]*\])*,(?:[^\[\]"
 BETWEEN_NUMBERS = r"[\s,;\[\]()]+"
 """Pattern of all that is between the numbers of a list, which may hold lists."""
 _LABVIEW, _LABVIEW_HEAD = "LabVIEW Measurement", "***End_of_Header***"
-_REMARKS = frozenset(("comment", "comments", "kommentar"))
-"""Names, in small letters, of a last column that rows without a remark leave out."""
 _UNIT_LABELS = frozenset(("y_unit_label", "unit", "units", "einheit", "einheiten"))
 """First cells, in small letters, of a line above the names that holds the units of the columns below it."""
 _COMMENT_LABEL = re.compile(r"(columns?|fields?|names?|spalten)\s*[:=]\s*", re.IGNORECASE)
@@ -51,7 +49,7 @@ _SNIFFED_LINES, _SAMPLED_LINES, _SAMPLED_ROWS = 400, 60, 20
 _LONGEST_LINE, _LONGEST_UNIT, _LONGEST_PREAMBLE = 100_000, 20, 4000
 
 
-Encoding = Literal["utf-8", "utf-16", "latin-1", "cp1252", "cp1251", "shift_jis", "gb18030"]
+Encoding = Literal["utf-8", "utf-16", "latin-1", "cp1252", "cp1251", "cp1250", "shift_jis", "gb18030"]
 Mark = Literal[".", ","]
 
 
@@ -90,6 +88,7 @@ class Layout:
     first_line: int
     header_line: int
     names: tuple[str, ...]
+    is_named: bool  # by the file or by the settings, not by number alone
     units: tuple[str, ...]
     kinds: tuple[str, ...]
     steps: tuple[float, float] | None = None
@@ -249,19 +248,16 @@ def find_layout(source: str, lines: "pl.DataFrame", wanted: TextFormat) -> Layou
     if not names:
         above = lines.filter(lines["line"] < numbers[min(start, len(numbers) - 1)])["text"].to_list()
         names = _names_in_comment(above, comment, delimiter, width)
-    if not names:
-        raise CurveError(
-            f"{source}: line {numbers[start]} holds numbers where column names belong; "
-            "add a line of names, or give names in the loader's settings"
-        )
-    if below == len(rows):
+    is_named, names = bool(names), names or [f"column {index}" for index in range(1, width + 1)]
+    if below == len(rows) or not names:
         raise CurveError(f"{source}: a line of names and no data; export the file again")
     if wanted.names is not None and len(names) < width:
         raise CurveError(
             f"{source}: line {numbers[below]} has {width} cells where names has {len(names)} entries; "
             "give each column a name"
         )
-    names = names[:width] if names[-1].lower() in _REMARKS else names
+    if names[-1].lower() in ("comment", "comments", "kommentar"):  # rows without a remark leave it out
+        names = names[:width]
     above = every.filter(every["line"] < numbers[below])["text"].to_list()
     between = None if delimiter == BLANKS else delimiter
     parted = ([cell.strip(' "') for cell in line.split(between)] for line in above if line)
@@ -284,6 +280,7 @@ def find_layout(source: str, lines: "pl.DataFrame", wanted: TextFormat) -> Layou
         first_line=numbers[below],
         header_line=0 if header is None else numbers[header],
         names=tuple(names),
+        is_named=is_named,
         units=tuple(units),
         kinds=kinds_of,
         steps=_steps(labels),

@@ -70,8 +70,9 @@ _USUAL_PAIRS: Mapping[Encoding, bytes] = {
     "shift_jis": rb"[\x81-\x83\x88-\x97][\x40-\x7e\x80-\xfc]",
     "gb18030": rb"[\xa1-\xa3\xb0-\xd7][\xa1-\xfe]",
     "cp1251": rb"[\xc0-\xff]{3,}",
+    "cp1250": rb"(?s)\A(?=.*[a-z][\xb3\xb9\xbf]+[a-z]).*",
 }
-"""Two bytes of the most frequent characters of Japanese and Chinese text, and words of Russian text."""
+"""Two bytes of frequent characters of Japanese and Chinese, words of Russian, text with Polish letters."""
 _NEVER_READ = (
     (b"\x1f\x8b", "is compressed by gzip; unpack it first"),
     (b"BZh", "is compressed by bzip2; unpack it first"),
@@ -190,6 +191,7 @@ class TextTable:
             self._rows = _blocks(lines, self.layout)[0]
         self._after = self._rows["line"].filter(self._rows["line"] > self.blocks[-1][1])
         self._rows = self._rows.filter(pl.col("line").is_between(*self.blocks[self.block - 1]))
+        self.preamble = " ".join(lines["text"].head((self.layout.header_line or self.layout.first_line) - 1))
         # Cell of each column, and place in its list, by name; a name that occurs twice is left out.
         self._columns: dict[str, tuple[int, int | None]] = {}
         names = self.layout.names[: period_of(self.layout.names)]
@@ -261,6 +263,12 @@ class TextTable:
             why = f"every column is text, or has the name of another ({listed(layout.names)}); give names in "
             why = f"{listed(counts)}: {HEXADECIMAL}" if counts else f"{why}the loader's settings"
             raise CurveError(f"{self.path}: {why}")
+        if not layout.is_named:
+            self._check_marks()
+            raise CurveError(
+                f"{self.path}: line {layout.first_line} holds numbers where column names belong; "
+                "add a line of names, or give names in the loader's settings"
+            )
         for name in wanted:
             if name in self._twice:
                 raise CurveError(
@@ -323,7 +331,8 @@ class TextTable:
 
     def notes(self) -> tuple[str, ...]:
         """Remarks on the file for a person."""
-        names, notes = self.layout.names, list[str]()
+        names = self.layout.names
+        notes = [] if self.layout.is_named else ["the file names no columns: write them under names"]
         if text := self._of_kind("text"):
             notes.append(f"columns of text passed over: {listed(text)}")
         if counts := self._of_kind("hex"):

@@ -121,6 +121,7 @@ def _read(
         streams=(Stream.of(found.values(), rows=rows),),
         notes=table.notes(),
         layout=table.settings(),
+        preamble=table.preamble,
     )
 
 

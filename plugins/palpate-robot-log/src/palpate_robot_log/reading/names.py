@@ -45,6 +45,8 @@ ROLES: Mapping[str, Role] = {
 """Quantities that a column or a vector has, by role."""
 WORDS = _sets(_TABLES["words"])
 """Words that show what a column is besides its quantity."""
+TITLES: Mapping[str, str] = _TABLES["titles"]
+"""Titles of the measures that are converted."""
 _MEASURES = {kind: _sets(table) for kind, table in _TABLES["measures"].items()}
 
 

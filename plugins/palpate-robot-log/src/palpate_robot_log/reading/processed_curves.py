@@ -8,10 +8,11 @@ from typing import Any
 import numpy as np
 
 from palpate.api import FORCE, Curve, ExperimentLoader, FloatArray
-from palpate.api.files import Column, kind_of
+from palpate.api.files import Column
 from palpate_indentation.api import CsvLoader, problem_of, units_of
 from palpate_robot_log.processing.contact import place_of_contact
 from palpate_robot_log.reading.names import (
+    TITLES,
     WORDS,
     Picked,
     Test,
@@ -58,7 +59,9 @@ def spans_of(curves: Mapping[str, Curve]) -> str:
 def curves_of(log: RawLog, *, has_place: bool = False) -> Proposal | None:
     """Settings for the curves of a press, or a homogeneous test, in a table; None where it has neither."""
     columns = [column for stream in log.streams for column in stream.columns.values()]
-    found = _homogeneous(columns) or _curves(columns) or (None if has_place else _unnamed(columns))
+    found = (
+        _homogeneous(columns) or _curves(columns, _stated(log)) or (None if has_place else _unnamed(columns))
+    )
     if found is None:
         return None
     # The loader finds the separator by itself.
@@ -99,17 +102,13 @@ def _unnamed(columns: Sequence[Column]) -> Proposal | None:
     ask = f"{', '.join(names)}: which is the depth, and which the force? name them, with factors to mm and N"
     if (stress := pick(columns, "stress")) is not None:
         ask = f"{stress.column.name}: a test needs strain or stretch next to stress; add its column"
-    elif all(_is_time(column) or has_role(words_of(column.name), "travel") for column in columns):
+    elif all(WORDS["time"] & {*words} or has_role(words, "travel") for words in map(words_of, names)):
         ask = f"{', '.join(names)}: a curve needs depth and force at each time; log both"
     channels = {
         "abscissa": {"name": names[-2], "scale": "factor to mm"},
         "ordinate": {"name": names[-1], "scale": "factor to N"},
     }
     return Proposal(entries=_entries({"force": channels}), questions=(ask,))
-
-
-def _is_time(column: Column) -> bool:
-    return kind_of(column.shown_unit) == "time" or bool(WORDS["time"] & {*words_of(column.name)})
 
 
 # ------------------------------------------------------------------------ a press
@@ -131,7 +130,14 @@ def _unit_of(one: Picked, role: str) -> tuple[str, str]:
     return f"{one.column.name} {ask}", ""
 
 
-def _curves(columns: Sequence[Column]) -> Proposal | None:
+def _stated(log: RawLog) -> str:
+    """Test other than a press that the text above the names states; empty where it states none."""
+    words = {*words_of(log.preamble)}
+    tests = [] if words & WORDS["compressive"] else ["tensile_test", "bending_test"]
+    return next((test for test in tests if words & WORDS[test]), "")
+
+
+def _curves(columns: Sequence[Column], stated: str) -> Proposal | None:
     channels, remarks, questions = dict[str, dict[str, Any]](), list[str](), list[str]()
     for channel, roles in _ROLES.items():
         along, of = (pick(columns, role) for role in roles)
@@ -167,7 +173,10 @@ def _curves(columns: Sequence[Column]) -> Proposal | None:
     if not channels:
         return Proposal(questions=tuple(questions)) if questions else None
     names = {word for column in columns for word in words_of(column.name)}
-    if names & (WORDS["tensile"] | WORDS["shear"]) and FORCE.name in channels:
+    if stated == "bending_test":
+        ask = "the file states a bending test: give a press, or stress and strain of a specimen"
+        return Proposal(test="uniaxial", questions=(ask,))
+    if (stated == "tensile_test" or names & (WORDS["tensile"] | WORDS["shear"])) and FORCE.name in channels:
         return _specimen(columns, "simple_shear" if names & WORDS["shear"] else "uniaxial")
     return Proposal(entries=_entries(channels), remarks=tuple(remarks), questions=tuple(questions))
 
@@ -309,7 +318,7 @@ def _homogeneous(columns: Sequence[Column]) -> Proposal | None:
     if problem := problem_of(test.mode, *measures):
         questions.append(f"{along.column.name}, {stress.column.name}: {problem}")
     converted = [
-        f"{one.column.name}: {_MEASURES[measure]} is converted to {to}"
+        f"{one.column.name}: {TITLES[measure]} is converted to {to}"
         for one, measure, to in ((along, test.strain, "stretch"), (stress, test.stress, "nominal"))
         if measure
     ]
@@ -319,14 +328,6 @@ def _homogeneous(columns: Sequence[Column]) -> Proposal | None:
         remarks=(*along.remarks, *stress.remarks, *remarks, *converted),
         questions=tuple(questions),
     )
-
-
-_MEASURES = {
-    "log": "logarithmic strain",
-    "green": "Green-Lagrange strain",
-    "true": "true stress",
-    "pk2": "second Piola-Kirchhoff stress",
-}
 
 
 def _signs(

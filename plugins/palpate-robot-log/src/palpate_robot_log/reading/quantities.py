@@ -109,20 +109,19 @@ def groups_of(stream: Stream) -> list[Group]:
         if columns:
             taken |= {column.name for column in columns}
             groups.append(Group(stream.name, words, tuple(columns), is_indexed))
-    return [_as_moment(group) if _turns_of_force(group, groups) else group for group in groups]
+    return [_or_moment(group, groups) for group in groups]
 
 
-def _turns_of_force(group: Group, groups: Sequence[Group]) -> bool:
-    """Whether a group is the turns of a vector of force: TCPForce_rx next to TCPForce_x, ft_a to ft_x."""
+def _or_moment(group: Group, groups: Sequence[Group]) -> Group:
+    """Group, or the moment that turns of a force are: TCPForce_rx next to TCPForce_x, and ft_a to ft_x.
+
+    KUKA's A is about z, B about y and C about x.
+    """
     *words, last = group.words or ("",)
     are_of_force = last in ("r", "abc") and bool({*words} & (ROLES["force"].vector | WORDS["wrench"]))
-    return are_of_force and any(each.words == (*words,) for each in groups)
-
-
-def _as_moment(group: Group) -> Group:
-    """Moment about x, y and z by turns of a force; KUKA's A is about z, B about y and C about x."""
-    order = -1 if group.words[-1] == "abc" else 1
-    return group._replace(words=("moment",), columns=group.columns[::order])
+    if not are_of_force or all(each.words != (*words,) for each in groups):
+        return group
+    return group._replace(words=("moment",), columns=group.columns[:: -1 if last == "abc" else 1])
 
 
 def _splits(words: tuple[str, ...]) -> Iterator[tuple[int, tuple[str, ...], str]]:

@@ -85,6 +85,7 @@ class RawLog:
     streams: tuple[Stream, ...]
     notes: tuple[str, ...] = ()  # what was passed over, and why
     layout: Mapping[str, object] = field(default_factory=dict)  # of the text, as in the loader's settings
+    preamble: str = ""  # text above the names
 
     @property
     def path(self) -> Path:
