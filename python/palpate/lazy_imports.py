@@ -17,8 +17,6 @@ from collections.abc import Callable, Mapping
 from types import MappingProxyType
 from typing import Any
 
-NONE: Mapping[str, str] = MappingProxyType({})
-
 
 @functools.cache
 def _homes(module: str) -> dict[str, str]:
@@ -38,7 +36,7 @@ def _homes(module: str) -> dict[str, str]:
     }
 
 
-def deferred(module: str, moved: Mapping[str, str] = NONE) -> Callable[[str], object]:
+def deferred(module: str, moved: Mapping[str, str] = MappingProxyType({})) -> Callable[[str], object]:
     """Make the ``__getattr__`` of a module; it has a ``__dir__`` that lists the names too.
 
     Parameters

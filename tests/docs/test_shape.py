@@ -18,10 +18,10 @@ ROOT = Path(__file__).parents[2]
 LONGEST_FILE = 500
 LONGEST_FUNCTION = 45
 MOST = {
-    "lines": 76_847,
-    "lines of the core": 33_260,
+    "lines": 76_833,
+    "lines of the core": 33_254,
     "classes": 655,
-    "constants": 742,
+    "constants": 734,
     "long files": 0,
     "long functions": 6,
     "docstrings without a noun first": 0,

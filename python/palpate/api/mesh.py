@@ -49,7 +49,9 @@ if TYPE_CHECKING:
     )
     from palpate.mesh.topology import (
         CELLS as CELLS,
+        CUBE as CUBE,
         HEX_CORNERS as HEX_CORNERS,
+        SIX_TETS as SIX_TETS,
         SLOPES as SLOPES,
         barycentric as barycentric,
         linear_simplex as linear_simplex,

@@ -23,10 +23,6 @@ class Prior:
             raise ParameterError(f"a prior of {self.value} with sd {self.sd}; give a finite value and sd > 0")
 
 
-NO_STATES: Mapping[str, str] = MappingProxyType({})
-"""Where spots have no states."""
-
-
 @dataclass(frozen=True, slots=True)
 class ParameterName:
     """Full name of a parameter, ``region.name@spot`` in tables and files.
@@ -64,7 +60,7 @@ class ParameterName:
         """Name of the same parameter at a spot; with an empty one, at all spots."""
         return type(self)(self.region, self.name, spot)
 
-    def counts_at(self, spot: str, states: Mapping[str, str] = NO_STATES) -> bool:
+    def counts_at(self, spot: str, states: Mapping[str, str] = MappingProxyType({})) -> bool:
         """True if its value belongs to the spot, to the spot's state, or to all spots."""
         return self.spot in ("", spot, states.get(spot, spot))
 

@@ -115,6 +115,12 @@ HEX_CORNERS = np.array(
     dtype=np.float64,
 )
 HEX_CORNERS.setflags(write=False)
+
+CUBE: IntArray = ((HEX_CORNERS + 1.0) / 2.0).astype(np.int64)
+"""The same corners of a cube from 0 to 1."""
+
+SIX_TETS = np.array([[0, 1, 2, 6], [0, 2, 3, 6], [0, 3, 7, 6], [0, 7, 4, 6], [0, 4, 5, 6], [0, 5, 1, 6]])
+"""Tetrahedra of a hexahedron around its diagonal 0–6; neighbouring cells match."""
 """Corners of the reference cube [−1, 1]³."""
 
 

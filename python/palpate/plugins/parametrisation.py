@@ -3,6 +3,7 @@
 from abc import abstractmethod
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
+from types import MappingProxyType
 from typing import ClassVar
 
 from palpate.domain import (
@@ -16,7 +17,6 @@ from palpate.domain import (
     channel_of,
 )
 from palpate.domain.component import Component, SettingsT
-from palpate.domain.parameter import NO_STATES
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -115,7 +115,7 @@ class Parametrisation(Component[SettingsT]):
 
 
 def for_each_spot(
-    parameters: Sequence[Parameter], spots: Sequence[str], states: Mapping[str, str] = NO_STATES
+    parameters: Sequence[Parameter], spots: Sequence[str], states: Mapping[str, str] = MappingProxyType({})
 ) -> tuple[Parameter, ...]:
     """Parameters, those by spot or state once for each of several, as ``<name>@<spot>`` or ``@<state>``."""
     each = {None: [""], "spot": list(spots), "state": states_of(spots, states)}
@@ -132,7 +132,7 @@ def states_of(spots: Sequence[str], states: Mapping[str, str]) -> list[str]:
 
 
 def at_spot(
-    values: Mapping[str, float], spot: str, states: Mapping[str, str] = NO_STATES
+    values: Mapping[str, float], spot: str, states: Mapping[str, str] = MappingProxyType({})
 ) -> dict[str, float]:
     """Values that count at a spot in its state, by name without ``@<spot>``."""
     named = ((ParameterName.parse(name), value) for name, value in values.items())

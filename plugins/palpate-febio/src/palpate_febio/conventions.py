@@ -20,6 +20,7 @@ import platformdirs
 
 from palpate.api import FloatArray, IsotropicMaterial, Material, MaterialError
 from palpate.api.files import ProcessLimits, run_program, write_atomically
+from palpate.api.mesh import CUBE
 from palpate_febio.deck import DECK_NAME, LOG_NAME, add_material, hold, leaf, new_deck, to_bytes
 from palpate_febio.log import read_log
 from palpate_febio.outcome import RecordError, read_record
@@ -44,10 +45,6 @@ GRADIENTS = np.array(
 """H of F = 1 + s H, s from 0 to 1: stretch, shear, volume and all at once."""
 GRADIENTS.setflags(write=False)
 
-_CUBE = np.array(
-    [[0, 0, 0], [1, 0, 0], [1, 1, 0], [0, 1, 0], [0, 0, 1], [1, 0, 1], [1, 1, 1], [0, 1, 1]], dtype=np.float64
-)
-
 
 @dataclass(frozen=True, slots=True)
 class Fit:
@@ -70,7 +67,7 @@ def probe_deck(material: Written) -> bytes:
     n = len(GRADIENTS)
     mesh = ET.SubElement(root, "Mesh")
     nodes = ET.SubElement(mesh, "Nodes", name="all")
-    for k, point in enumerate(np.concatenate([_CUBE] * (n + 1)).tolist(), start=1):
+    for k, point in enumerate(np.tile(CUBE, (n + 1, 1)).astype(np.float64).tolist(), start=1):
         leaf(nodes, "node", ",".join(map(str, point)), id=str(k))
     cells = ET.SubElement(mesh, "Elements", type="hex8", name="cubes")
     for k in range(n + 1):

@@ -20,6 +20,7 @@ from numpy.typing import NDArray
 
 from palpate.api import FloatArray, IntArray, MeshError, PluginError
 from palpate.api.files import ProcessLimits, run_function
+from palpate.api.mesh import CUBE, SIX_TETS
 
 P = ParamSpec("P")
 T = TypeVar("T")
@@ -31,10 +32,6 @@ MIDDLE = 1.5
 """Longest edge under the indenter over that at the edge of its contact."""
 SKIN_FALLS = 0.17
 """Distance by which a limb's skin falls from the spot to the contact's edge, over that between the two."""
-_SIX_TETS = np.array([[0, 1, 2, 6], [0, 2, 3, 6], [0, 3, 7, 6], [0, 7, 4, 6], [0, 4, 5, 6], [0, 5, 1, 6]])
-_SIX_TETS.setflags(write=False)
-_HEX = np.array([[0, 0, 0], [1, 0, 0], [1, 1, 0], [0, 1, 0], [0, 0, 1], [1, 0, 1], [1, 1, 1], [0, 1, 1]])
-_HEX.setflags(write=False)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -72,9 +69,9 @@ class SizeField:
         axes = [np.linspace(low[i], high[i], n[i] + 1) for i in range(3)]
         points = np.stack(np.meshgrid(*axes, indexing="ij"), axis=-1).reshape(-1, 3)
         cell = np.stack(np.meshgrid(*(np.arange(k) for k in n), indexing="ij"), axis=-1).reshape(-1, 1, 3)
-        corner = cell + _HEX
+        corner = cell + CUBE
         hexes = (corner[..., 0] * (n[1] + 1) + corner[..., 1]) * (n[2] + 1) + corner[..., 2]
-        return points, hexes[:, _SIX_TETS].reshape(-1, 4), self.at(points)
+        return points, hexes[:, SIX_TETS].reshape(-1, 4), self.at(points)
 
 
 def run_ftetwild(

@@ -18,7 +18,6 @@ from palpate_limb.surfaces import Surface, parts_of, solid, surface_of
 TISSUE = "soft_tissue"
 KIND = "tet10"
 """Kind of the elements; those of four nodes lock."""
-NO_LAYERS: Mapping[str, float] = MappingProxyType({})
 FINER = 0.6
 """Edges of a finer mesh over those of the first: about three times as many nodes."""
 FLATTEST = 2.0
@@ -37,7 +36,7 @@ class MeshPlan:
     """
 
     size: SizeField
-    layers_mm: Mapping[str, float] = field(default_factory=lambda: NO_LAYERS)
+    layers_mm: Mapping[str, float] = field(default_factory=lambda: MappingProxyType({}))
     core: str = TISSUE
     tolerance_mm: float = 0.4
     time_limit_s: float = 300.0

@@ -110,7 +110,6 @@ QUANTITIES = (
 )
 """Rows of the summary."""
 
-NO_ERRORS: Mapping[str, float] = MappingProxyType({})
 
 SAME_FORCE = 0.01
 """Relative difference of two forces that count as one."""
@@ -254,7 +253,7 @@ def spread(
     stiffer: FloatArray,
     *,
     by_force: bool,
-    mesh: Mapping[str, float] = NO_ERRORS,
+    mesh: Mapping[str, float] = MappingProxyType({}),
 ) -> FloatArray | None:
     """Values (n,) of a quantity for draws that are stiffer by factors (n,); None where none are known.
 
@@ -279,7 +278,7 @@ def summary_rows(
     *,
     apart: FloatArray | None = None,
     by_force: bool,
-    mesh: Mapping[str, float] = NO_ERRORS,
+    mesh: Mapping[str, float] = MappingProxyType({}),
     pressure_unit: str = "MPa",
     coarser: PressStates | None = None,
 ) -> Iterator[dict[str, Any]]:

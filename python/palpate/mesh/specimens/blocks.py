@@ -7,15 +7,7 @@ from typing import Literal
 import numpy as np
 
 from palpate.domain import FloatArray, IntArray, Limb, Mesh, Spot
-from palpate.mesh.topology import HEX_CORNERS, with_midpoints
-
-NO_LAYERS: Mapping[str, float] = MappingProxyType({})
-"""Name of the only region."""
-
-_HEX = ((HEX_CORNERS + 1.0) / 2.0).astype(np.int64)
-
-_SIX_TETS = np.array([[0, 1, 2, 6], [0, 2, 3, 6], [0, 3, 7, 6], [0, 7, 4, 6], [0, 4, 5, 6], [0, 5, 1, 6]])
-"""Tetrahedra of a hexahedron around its diagonal 0–6; neighbouring cells match."""
+from palpate.mesh.topology import CUBE, SIX_TETS, with_midpoints
 
 
 def block(
@@ -26,7 +18,7 @@ def block(
     n_across: int = 6,
     n_down: int = 3,
     grading: float = 1.0,
-    layers_mm: Mapping[str, float] = NO_LAYERS,
+    layers_mm: Mapping[str, float] = MappingProxyType({}),
 ) -> Limb:
     """A square block bonded to a rigid base, its spot in the middle of the upper face.
 
@@ -48,7 +40,7 @@ def block(
         ``contact`` (upper face).
     """
     points, hexes = _grid(width_mm, height_mm, n_across, n_down, grading)
-    cells = hexes if kind == "hex8" else hexes[:, _SIX_TETS].reshape(-1, 4)
+    cells = hexes if kind == "hex8" else hexes[:, SIX_TETS].reshape(-1, 4)
     if kind == "tet10":
         points, cells, _ = with_midpoints(points, cells)
     depth = -points[cells[:, : 8 if kind == "hex8" else 4], 2].mean(axis=1)
@@ -73,5 +65,5 @@ def _grid(
     x = 0.5 * width_mm * (np.sign(across) * np.abs(across) ** grading)
     z = -height_mm * down**grading
     points = np.stack(np.meshgrid(x, x, z, indexing="ij"), axis=-1).reshape(-1, 3)
-    corner = np.indices((n_across, n_across, n_down)).reshape(3, -1).T[:, None] + _HEX
+    corner = np.indices((n_across, n_across, n_down)).reshape(3, -1).T[:, None] + CUBE
     return points, np.ravel_multi_index(tuple(corner.transpose(2, 0, 1)), (len(x), len(x), len(z)))
