@@ -202,7 +202,7 @@ def test_every_table_of_a_full_run_is_on_the_page_or_named_as_a_file(content):
     drawn = of_joint.with_columns(split_r=1.0, autocorrelation=10.0, converged=True)
     made = with_tables(made, **dict.fromkeys(names, of_joint) | {"posterior": drawn})
     tables = make_tables(made)
-    assert set(tables) == set(TITLES) - {"convergence", "parameters", "errors", "criteria"}
+    assert set(tables) == set(TITLES) - {"convergence", "parameters", "errors", "criteria", "laws"}
     conclusion = make_conclusion(made, tables)
     shown_page = Page(render(made, tables, conclusion, []))
     captions = [text for tag, _, text in shown_page.elements if tag == "caption"]
