@@ -16,6 +16,7 @@ from palpate_report.answer.failed_checks import apparent
 from palpate_report.answer.law import typeset
 from palpate_report.answer.next_step import CAUSES
 from palpate_report.answer.result import Report, make_conclusion
+from palpate_report.answer.warnings import report_warnings
 from palpate_report.data.tables import make_tables, printed
 from palpate_report.figures.drawings import interval_plot
 from palpate_report.figures.panels import COLOURS, budget_bars, colour_of
@@ -45,6 +46,29 @@ def test_spots_that_differ_have_a_mean_and_a_standard_deviation(fitted):
     assert rows["parameter"].to_list() == list(TRUTH)
     assert "they differ, mean ± sd between spots (95 % interval of the sd): stiffness " in spots
     assert make_conclusion(fitted, {}).lines(fitted.study)["Spots"] in spots
+
+
+def test_spots_that_differ_much_are_no_refusal(fitted):
+    """R² of the mean tells nothing of a model that fits each spot by values of its own."""
+    fine = passed(fitted)
+    assert make_conclusion(fine, {}).lead.startswith("One material for all 2 spots, ")
+    fine = with_tables(fine, reported=fine.fit.reported.clear(), between_spots=fitted.table("between_spots"))
+
+    def with_no_fit(where):
+        table = fine.fit.table.with_columns(r2_force=pl.when(where).then(-3.0).otherwise("r2_force"))
+        return replace(fine, fit=replace(fine.fit, table=table))
+
+    far = with_no_fit(pl.col("fit") != pl.col("spot"))
+    found = make_conclusion(far, {})
+    assert not found.failure
+    assert found.lead.startswith("Mean of 2 spots that differ, fitted to force + torque (scenario I): ")
+    least = min(row["r2_force"] for row in fine.fit.of_each_spot.filter(scenario="I").to_dicts())
+    assert f"each spot by its own fit, R² force at least {least:.4g}" in found.lead
+    assert "no-fit" not in {warning.code for warning in report_warnings(far, {})}
+    assert card(far).title.startswith("Spongy, the mean of 2 spots that differ: initial shear modulus ")
+    # One spot that no values fit is a refusal.
+    bad = with_no_fit(pl.col("fit") == "p1")
+    assert "does not fit force at p1 (R² -3)" in make_conclusion(bad, {}).failure
 
 
 def card(data):

@@ -152,12 +152,12 @@ def _sources(results: Results) -> Iterator[_Source]:
             if (row := by_key.get(key)) is None:
                 continue
             spot, scenario = key
-            low = [
-                f"R² {name} {row[f'r2_{name}']:.3g}"
-                for name in weighed[scenario]
-                if (at := row.get(f"r2_{name}")) is not None and at < NO_FIT_R2
-            ]
             model, reason = _model(results, spot, scenario) if is_fit else (Adequacy.DESCRIBES, "")
+            own = [by_key[of] for one in results.spots if (of := (one, scenario)) in by_key]
+            # The checks of a joint fit let spots differ: then each fits by values of its own.
+            is_judged = is_fit and not results.fit.adequacy.filter(fit=spot, scenario=scenario).is_empty()
+            may_differ = is_judged and spot == ALL_SPOTS and len(own) == len(results.spots)
+            low = _low_r2(own if may_differ else [row], weighed[scenario])
             yield _Source(
                 scenario=scenario,
                 spot=spot,
@@ -167,6 +167,15 @@ def _sources(results: Results) -> Iterator[_Source]:
                 model=Adequacy.FAILS if low else model,
                 reason=f"it does not fit: {', '.join(low)}" if low else reason,
             )
+
+
+def _low_r2(rows: Sequence[Mapping[str, Any]], names: Sequence[str]) -> list[str]:
+    """Least R² of each name that has one below which nothing fits, in words."""
+    least = {
+        name: min((at for row in rows if (at := row.get(f"r2_{name}")) is not None), default=1.0)
+        for name in names
+    }
+    return [f"R² {name} {at:.3g}" for name, at in least.items() if at < NO_FIT_R2]
 
 
 def _set_for_all(results: Results) -> Iterator[Mapping[str, Any]]:

@@ -91,13 +91,16 @@ def sentence(data: ReportData, conclusion: Conclusion) -> str:
     what = "tests" if data.study.protocol is None else "presses"
     verb = "is" if len(unknown) == 1 else "are"
     lost = f"{' and '.join(unknown)} {verb} not identified by these {what}" if unknown else ""
-    return f"{title_of(space, n_spots)}{where}: {'; '.join(filter(None, (found, lost)))}".rstrip(": ")
+    title = title_of(space, n_spots, differ=data.spots_differ(data.generalising.name))
+    return f"{title}{where}: {'; '.join(filter(None, (found, lost)))}".rstrip(": ")
 
 
-def title_of(space: ParameterSpace, n_spots: int) -> str:
+def title_of(space: ParameterSpace, n_spots: int, *, differ: bool = False) -> str:
     """Law of each searched region, named where there are several, and the number of spots."""
     laws = " and ".join(searched_laws(space)) or "fixed"
-    if len(laws.split(" and ")) == 1:
+    if differ:
+        text = f"{laws}, the mean of {n_spots} spots that differ"
+    elif len(laws.split(" and ")) == 1:
         text = f"one {laws} material for all {n_spots} spots" if n_spots > 1 else f"{laws} material"
     else:
         text = laws + (f", one set for all {n_spots} spots" if n_spots > 1 else "")

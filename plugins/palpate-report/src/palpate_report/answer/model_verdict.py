@@ -82,8 +82,7 @@ def _approximation(data: ReportData) -> str:
     """Sentence on the largest difference from the curves of what leads, and their range."""
     names, checks = laws_of(data.study.space), data.leading_rows(data.fit.adequacy)
     difference = f"{max(100.0 * float(checks['difference'].max()), 0.1):.2g}"  # type: ignore[arg-type]
-    is_by_spot = not data.leading_rows(data.table("between_spots")).is_empty()
-    own = ", with values of its own at each spot" if is_by_spot else ""
+    own = ", with values of its own at each spot" if data.spots_differ(data.generalising.name) else ""
     return (
         f"Effective parameters: {' and '.join(names)} describe{'s' if len(names) == 1 else ''} these "
         f"curves to within {difference} % of their peak{own}, for {' and '.join(_ranges(data))}."
@@ -105,13 +104,16 @@ def _ranges(data: ReportData) -> Iterator[str]:
 
 
 def r2_by_spot(data: ReportData) -> Iterator[tuple[str, str, float]]:
-    """R² of what leads in each fitted channel: its name, the spot, and R²."""
-    joint = data.fit.joint(data.generalising.name)
+    """Name, spot and R² of each fitted channel of what leads; where spots differ, of their own fits."""
+    main = data.generalising.name
+    joint = data.fit.joint(main)
+    if data.spots_differ(main):
+        joint = data.fit.of_each_spot.filter(scenario=main)
     if len(data.spots) > 1:
         of_all = data.generalisation if joint.is_empty() else joint
         rows = [(row["spot"], row) for row in of_all.iter_rows(named=True)]
     else:
-        own = (best for best in data.bests if best.scenario == data.generalising.name)
+        own = (best for best in data.bests if best.scenario == main)
         rows = [(best.spot, {f"r2_{name}": r2 for name, r2 in best.r2.items()}) for best in own]
     for spot, row in rows:
         for name in data.generalising.weighed:

@@ -9,7 +9,7 @@ from math import inf
 
 import polars as pl
 
-from palpate.api.fit import NO_FIT_R2, UNCLEAR, UNSEEN, UNSETTLED, WIDENED, Adequacy
+from palpate.api.fit import FIT, NO_FIT_R2, UNCLEAR, UNSEEN, UNSETTLED, WIDENED, Adequacy
 from palpate.api.report import ReportWarning
 from palpate.api.runs import (
     REMEDY,
@@ -96,8 +96,13 @@ def _about_truth(missed: Sequence[str]) -> Iterator[ReportWarning]:
 
 
 def _r2(data: ReportData, least: float, below: float) -> Iterator[tuple[str, str, float]]:
-    """Scenario, fit and channel, and R², of the best sets whose R² in a fitted channel is in a range."""
+    """Scenario, fit and channel, and R², of the best sets whose R² in a fitted channel is in a range.
+
+    A joint fit of spots that differ has none: each spot has a fit of its own.
+    """
     for best in data.bests:
+        if best.spot == data.together and best.found == FIT and data.spots_differ(best.scenario):
+            continue
         for channel in data.scenario(best.scenario).weighed:
             if (at := best.r2.get(channel)) is not None and least <= at < below:
                 yield best.scenario, f"{best.where}: {in_words(channel)}", at

@@ -305,6 +305,11 @@ class ReportData:
         """Rows of the fit that leads, in the scenario that generalises; an empty frame as it is."""
         return frame if frame.is_empty() else frame.filter(fit=self.together, scenario=self.generalising.name)
 
+    def spots_differ(self, scenario: str) -> bool:
+        """Whether the spots of the joint fit in a scenario differ by more than their errors."""
+        rows = self.table("between_spots")
+        return not (rows.is_empty() or rows.filter(fit=self.together, scenario=scenario).is_empty())
+
     @property
     def is_fitted(self) -> bool:
         """Whether a fit of all spots together, or of the only one, has a result where it generalises."""
