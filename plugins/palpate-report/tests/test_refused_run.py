@@ -95,7 +95,7 @@ def test_no_output_of_a_refused_run_has_a_bare_value(refused, drawn, tmp_path):
     assert any(NO_PARAMETERS in note for note in made["notes"])
     assert NO_PARAMETERS in (tmp_path / "comparison" / "index.html").read_text()
     tex = (tmp_path / "report" / "tables" / "paper_table1.tex").read_text()
-    assert tex.startswith(f"% WARNING: spongy: {NO_PARAMETERS}")
+    assert tex.startswith(f"% WARNING: Spongy: {NO_PARAMETERS}")
     rows = [line for line in tex.splitlines() if re.match(r"p1 &|& I", line)]
     assert rows
     for row in rows:  # each value but R²
@@ -246,7 +246,7 @@ def test_every_output_of_an_approximation_has_its_sentence_and_its_words(
     shown = with_minus(model.sentence)
     assert shown in (tmp_path / "report" / "index.html").read_text()
     assert r"$^{" in (tex := (tmp_path / "report" / "tables" / "paper_table1.tex").read_text())
-    assert f"% WARNING: spongy: {model.sentence}" in tex
+    assert f"% WARNING: Spongy: {model.sentence}" in tex
     made = write_comparison({"one": data, "two": data}, tmp_path / "comparison")
     assert f"one: {model.sentence}" in made["notes"]
     monkeypatch.setattr("palpate_prediction.cards.programs.report_data", lambda run: run.data)

@@ -263,8 +263,8 @@ class Pool:
                 f"a worker process did not load the solver within {START_LIMIT_S:g} s; last output: "
                 f"{worker.last_output or 'none'}"
             )
-        limit = f"limit {PATIENCE:g} times {self._batch.limits.time_s:g} s"
-        return self._timed_out(suspects, worker, f"{worker.silent_s:.1f} s without an answer ({limit})")
+        limit = f"{PATIENCE:g} times {self._batch.limits.time_s:g} s"
+        return self._timed_out(suspects, worker, f"{worker.silent_s:.1f} s without an answer (limit {limit})")
 
     def _timed_out(self, suspects: list[int], worker: "_Worker", after: str) -> list[Result]:
         """Time-out of the job of a stopped worker; several jobs are tried again, each alone."""
@@ -296,8 +296,8 @@ class Pool:
                 "is memory for executor.n_workers of them; finished simulations are kept"
             )
         if worker.killed_by == OUT_OF_TIME:
-            limit = f"limit {self._batch.limits.time_s:g} s for each thread"
-            return self._timed_out(suspects, worker, f"{self._limit_s:g} s of processor time ({limit})")
+            limit = f"{self._batch.limits.time_s:g} s for each thread"
+            return self._timed_out(suspects, worker, f"{self._limit_s:g} s of processor time (limit {limit})")
         self._ends |= dict.fromkeys(suspects, worker.how_it_ended())
         if not had_begun:
             # Somebody else may have ended it between two jobs; what dies on being handed over dies again.
