@@ -283,6 +283,23 @@ def test_what_is_not_there_is_reported(tmp_path: Path) -> None:
         read_log(tmp_path)
 
 
+@pytest.mark.parametrize("holds", ["numbers", "a structure", "a cell", "nothing"])
+def test_a_cell_array_of_anything_hides_no_numbers(tmp_path: Path, holds: str) -> None:
+    import h5py
+
+    path = tmp_path / "log.mat"
+    write.write_matlab73(path, write.press(30))
+    whole = [[*stream.columns] for stream in read_here(path).streams]
+    with h5py.File(path, "r+") as file:
+        number = file.create_dataset("#refs#/a", data=np.array([[1.5]]))
+        file["#refs#/b/x"] = np.array([[1.5]])
+        inner = file.create_dataset("#refs#/c", data=np.array([[number.ref]], dtype=h5py.ref_dtype))
+        refs = {"numbers": number.ref, "a structure": file["#refs#/b"].ref, "a cell": inner.ref}
+        cell = np.array([[refs.get(holds, h5py.Reference())]], dtype=h5py.ref_dtype)
+        file.create_dataset("settings", data=cell).attrs["MATLAB_class"] = np.bytes_("cell")
+    assert [[*stream.columns] for stream in read_here(path).streams] == whole
+
+
 @pytest.mark.parametrize(("module", "kind"), [("h5py", "matlab"), ("rosbags", "ros")])
 def test_a_package_that_is_missing_is_named_with_how_to_get_it(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, module: str, kind: str

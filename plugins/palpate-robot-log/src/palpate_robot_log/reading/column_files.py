@@ -99,8 +99,9 @@ def read_hdf5(path: Path) -> RawLog:
         if item.is_virtual or item.external:
             notes.append(f"'{name}' keeps its numbers in another file, which is not read")
         elif kind in _MATLAB_TEXT:
-            cells = [item.file[one] for one in item[()].ravel()] if item.dtype.kind == "O" else [item]
-            arrays[name] = np.array(["".join(map(chr, one[()].ravel())) for one in cells])
+            cells = [item.file[one] for one in item[()].ravel() if one] if item.dtype.kind == "O" else [item]
+            if {one.attrs.get("MATLAB_class") for one in cells} == {b"char"}:  # a cell may hold anything
+                arrays[name] = np.array(["".join(map(chr, one[()].ravel())) for one in cells])
         elif item.dtype.kind in "SUO" or (item.dtype.kind in "fiubV" and item.shape and 0 not in item.shape):
             # MATLAB's files hold the dimensions in reverse.
             arrays[name] = np.asarray(item[()].T if is_matlab else item[()])
