@@ -15,6 +15,7 @@ from palpate.domain.indenter import Sphere
 from palpate.domain.waypoints import Waypoints
 from palpate.fit.fitted import Fitted
 from palpate_prediction.bands import ends, linear, values_at, with_model_error
+from palpate_prediction.files import _of_model
 from palpate_prediction.summary import (
     QUANTITIES,
     PressStates,
@@ -101,6 +102,8 @@ def test_a_band_holds_new_curves_whose_law_is_wrong_by_as_much_as_the_fitted_one
     assert with_model_error(alone, curve, errors.clear()) is alone
     other = with_model_error(alone, replace(curve, channel="moment"), errors)
     np.testing.assert_array_equal(other, with_model_error(alone, curve, errors))
+    # A channel that was not fitted is stated with the errors that its band has.
+    assert _of_model(errors, ["force", "torque"]).endswith(": force 5 %, torque 5 %.")
 
 
 def hertzian(stiffness=1.0):

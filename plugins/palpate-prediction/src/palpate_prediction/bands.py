@@ -78,19 +78,21 @@ def linear(
 
 
 def with_model_error(lines: FloatArray, curve: Curve, errors: pl.DataFrame) -> FloatArray:
-    """Draws (n_draws, n) of a new curve, each with a model error: a process along the path.
-
-    ``errors`` are rows of ``model_errors``; a channel that was not fitted has the errors of all channels.
-    """
+    """Draws (n_draws, n) of a new curve, each with a model error: a process along the path."""
     if errors.is_empty() or not len(lines) or not np.ptp(curve.abscissa):
         return lines
-    of_channel, path = errors.filter(channel=curve.channel), path_of(curve.abscissa)
-    known = (errors if of_channel.is_empty() else of_channel).select("length", "sd").iter_rows()
+    path, known = path_of(curve.abscissa), errors_of(curve.channel, errors).select("length", "sd").iter_rows()
     apart = np.abs(path[:, None] - path)
     along = np.sum([sd**2 * matern(apart / length) for length, sd in known], axis=0)
     root = np.linalg.cholesky(along + 1e-9 * along[0, 0] * np.eye(path.size))
     drawn = np.stack([scores(len(lines), 2 + k) for k in range(path.size)], axis=1)
     return np.asarray(lines + drawn @ root.T * np.maximum.accumulate(np.abs(curve.ordinate)))
+
+
+def errors_of(channel: str, errors: pl.DataFrame) -> pl.DataFrame:
+    """Model errors of a channel; one that was not fitted has the errors of all channels."""
+    own = errors.filter(channel=channel)
+    return errors if own.is_empty() else own
 
 
 def scores(n: int, cause: int) -> FloatArray:

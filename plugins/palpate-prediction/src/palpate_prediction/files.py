@@ -5,6 +5,7 @@ from pathlib import Path
 from types import MappingProxyType
 from typing import Any
 
+import numpy as np
 import polars as pl
 
 from palpate.api import Channel, Indenter, Quantity, SurfaceStates
@@ -13,7 +14,7 @@ from palpate.api.files import write_atomically
 from palpate.api.fit import Adequacy
 from palpate.api.report import Block, Paragraph, Picture, Table
 from palpate.api.runs import file_name, parquet
-from palpate_prediction.bands import ENDS
+from palpate_prediction.bands import ENDS, errors_of
 from palpate_prediction.predict import Prediction, SpotPrediction
 from palpate_prediction.summary import QUANTITIES
 from palpate_report.api import Headline, comparison_page, in_words, rounded
@@ -173,9 +174,8 @@ def notes(prediction: Prediction, notice: str) -> list[str]:
             "Each draw has fitted values, a friction of the tool, a mesh error and a model error. "
             "Assumed: pressure and shear scale with force; the contact area is fixed."
         )
-        lines.append(
-            _of_model(prediction.model_errors, {c for p in prediction.spots.values() for c in p.bands})
-        )
+        channels = dict.fromkeys(c for each in prediction.spots.values() for c in each.bands)
+        lines.append(_of_model(prediction.model_errors, channels))
         lines += [f"Mesh error at {spot}: {_errors(each)}." for spot, each in prediction.spots.items()]
         lines += [
             f"warning: at {spot} these errors come from [budget] alone, and may be far larger under another "
@@ -204,15 +204,11 @@ def _in_time(motion_s: float, record_s: float) -> str:
 
 
 def _of_model(errors: pl.DataFrame, channels: Collection[str]) -> str:
-    """Sentence on the model error of the curves of some channels, as far as these were fitted."""
+    """Sentence on the model error of the curves of some channels."""
     if errors.is_empty():
         return "warning: The bands lack the model error. Run `palpate run` again to store it in the run."
-    of = (
-        errors.filter(pl.col("channel").is_in(list(channels)))
-        .group_by("channel", maintain_order=True)
-        .agg((pl.col("sd") ** 2).sum().sqrt())
-    )
-    sizes = (f"{in_words(name)} {100.0 * sd:.2g} %" for name, sd in of.iter_rows())
+    every = ((name, np.linalg.norm(errors_of(name, errors)["sd"].to_numpy())) for name in channels)
+    sizes = (f"{in_words(name)} {100.0 * sd:.2g} %" for name, sd in every)
     return f"Model error (standard deviation over the peak): {', '.join(sizes)}."
 
 
