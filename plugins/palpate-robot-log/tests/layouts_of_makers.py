@@ -311,6 +311,9 @@ def _curves() -> Mapping[str, Callable[[], Layout]]:
             ['"Maximum Load : Flexure extension at Maximum Load","1.5",mm', "", "Time,Extension,Load", "(s),(mm),(N)", *rows(SECONDS, DEPTH, FORCE)], "question"),
         "compression by its preamble": lambda: made(
             ['"Test","Compression"', '"Not used","Tensile"', "Time,Extension,Load", "(s),(mm),(N)", *rows(SECONDS, DEPTH, FORCE)], "curve"),
+        "press on an arm by its preamble": lambda: made(
+            ["# Forearm, elbow flexion 30 deg, skin under tension", "Depth (mm),Force (N)", *rows(DEPTH, FORCE)], "curve"),
+        "a plural before the unit": lambda: made(["Depth (mm),Load cell(s) force N", *rows(DEPTH, FORCE)], "curve"),
         "bending": lambda: made(["Flexure strain (mm/mm),Flexure stress (kPa)", *rows(STRAIN, STRESS_KPA)], "question"),
         "amplitudes of an oscillation": lambda: made(
             ["Shear Strain (%),Shear Stress (kPa),Storage Modulus (kPa)", *rows(100.0 * STRAIN, STRESS_KPA, STRESS_KPA)], "question"),
@@ -360,6 +363,9 @@ def _presses() -> Mapping[str, Callable[[], Layout]]:
         "Bota and ROS pose": lambda: named(
             "timestamp,position_x,position_y,position_z,orientation_x,orientation_y,orientation_z,orientation_w,"
             "force_x,force_y,force_z,torque_x,torque_y,torque_z", t, m, q, f, moment),
+        "current pose of MoveIt": lambda: named(
+            ",".join(["time", *(f"current_pose.position.{a}" for a in "xyz"), *(f"current_pose.orientation.{a}" for a in "xyzw"),
+                      *(f"current_wrench.{part}.{a}" for part in ("force", "torque") for a in "xyz")]), t, m, q, f, moment),
         "KUKA iiwa recorder": lambda: named(
             "Time,X,Y,Z,A,B,C,Force_X,Force_Y,Force_Z,Torque_X,Torque_Y,Torque_Z", t, tip, zyx, f, moment),
         "KUKA FRI in radians": lambda: named(

@@ -89,9 +89,9 @@ def unit_in(name: str) -> tuple[str, str]:
         return of_r[1], of_r[2] or "..."
     found = [each for each in _BRACKETED.finditer(name) if not re.fullmatch(r"[\d:,\s]*", each[1])]
     shown = [each for each in found if each[1].lower() not in _ANNOTATIONS]
-    known = [each for each in shown if kind_of(bare_unit(each[1]))]
+    known = [e for e in shown if kind_of(bare_unit(e[1])) and not kind_of(unit_in(name[e.end() :])[1])]
     last = [each for each in found if each.end() == len(name)]
-    # A remark may be behind the unit: Force [N] (compression negative).
+    # A remark may be behind the unit, Force [N] (compression negative), as the unit is in Cell(s) force N.
     chosen = [each for each in last if each in known] or (known if len(known) == 1 else last)
     if chosen:
         before, behind = name[: chosen[0].start()].strip(), _SIGN.sub("", name[chosen[0].end() :]).strip()

@@ -133,7 +133,7 @@ def _unit_of(one: Picked, role: str) -> tuple[str, str]:
 def _stated(log: RawLog) -> str:
     """Test other than a press that the text above the names states; empty where it states none."""
     words = {*words_of(log.preamble)}
-    tests = [] if words & WORDS["compressive"] else ["tensile_test", "bending_test"]
+    tests = [] if words & (WORDS["compressive"] | WORDS["press"]) else ["tensile_test", "bending_test"]
     return next((test for test in tests if words & WORDS[test]), "")
 
 

@@ -171,14 +171,15 @@ Each has the number of columns, words of which a group has one, the test of its 
 def possible(group: Group, *, is_turned: bool, t_is_moment: bool) -> Iterator[tuple[str, Guess]]:
     """Possible meanings of a group with their ranks; ``is_turned`` where angles are named as its x, y, z."""
     n_columns, words = len(group.columns), {*group.words}
-    if words & WORDS["motion"] or (group.is_indexed and WORDS["specimen"] & {*group.words[-1:]}):
+    is_named = any(words & (ROLES[each].vector | WORDS["pose"]) for each in QUANTITIES)
+    of_motion = words & WORDS["motion"] - (WORDS["measured"] if is_named else _ANY)
+    if of_motion or (group.is_indexed and WORDS["specimen"] & {*group.words[-1:]}):
         return
     if n_columns == 16:
         yield from _of_transform(group)
     parts: Iterable[_Part] = ()
     if n_columns == 3:
-        if words & WORDS["wrench"] and not any(words & ROLES[each].vector for each in QUANTITIES):
-            words = words | {"force"}
+        words = words | {"force"} if words & WORDS["wrench"] and not is_named else words
         if "t" in words and not t_is_moment:  # a tracker's translation, next to a moment M
             words = words - {"t"} | {"translation"}
         parts = _of_three(group.columns[0], words, is_turned=is_turned)
