@@ -102,6 +102,7 @@ def test_init_writes_a_study_of_own_presses(call: Call) -> None:
     for arguments, reason in (
         (("arm", *own), "is not empty"),
         (("leg", *own, "--measured", "try/measured/p1.csv"), "give one of each"),
+        (("leg", *own[:2]), "give one of each"),
         (("leg", *own[:-1], "try/p1.vtu"), "no such file"),
         (("leg", *own, "--wrench", "try/ft.csv"), "ft.csv"),
         (("leg", "--wrench", "try/ft.csv"), "give one of each"),

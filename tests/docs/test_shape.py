@@ -18,8 +18,8 @@ ROOT = Path(__file__).parents[2]
 LONGEST_FILE = 500
 LONGEST_FUNCTION = 45
 MOST = {
-    "lines": 76_858,
-    "lines of the core": 33_263,
+    "lines": 76_856,
+    "lines of the core": 33_261,
     "classes": 655,
     "constants": 734,
     "long files": 0,

@@ -108,6 +108,7 @@ def _write_own(
     if test:
         text = own_test_text(ready, folder, measured, found)
     else:
+        _check_pairs(measured, meshes)
         text = own_study_text(session, ready, folder, measured, meshes, found)
     check_new(folder)
     folder.mkdir(parents=True, exist_ok=True)

@@ -105,11 +105,8 @@ def _check_free(kind: str, name: str, plugins: Plugins) -> None:
 
 
 def _is_allowed(name: str) -> bool:
-    return (
-        bool(re.fullmatch(r"[a-z]([a-z0-9_]*[a-z0-9])?", name))
-        and not keyword.iskeyword(name)
-        and not keyword.issoftkeyword(name)
-    )
+    is_word = re.fullmatch(r"[a-z]([a-z0-9_]*[a-z0-9])?", name) is not None
+    return is_word and not keyword.iskeyword(name) and not keyword.issoftkeyword(name)
 
 
 def _class(name: str) -> str:
