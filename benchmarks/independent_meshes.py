@@ -8,6 +8,7 @@ files fit these surfaces to 3e-8 mm. :func:`true_limb` has edges of 1.0 mm at th
 
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
+from types import MappingProxyType
 
 import numpy as np
 from study_mesh_size import RADIUS_MM, exact_segment, meshed
@@ -18,7 +19,7 @@ from palpate_forearm.phantom import CrossSection, InkMark, PhantomBone
 from palpate_limb.from_scan import sound_mesh
 from palpate_limb.meshing import SizeField
 from palpate_limb.options import ScanOptions
-from palpate_limb.volume import NO_LAYERS, MeshPlan, mesh_segment, moved_to_contact
+from palpate_limb.volume import MeshPlan, mesh_segment, moved_to_contact
 
 FOREARM = {
     "p1": (38.0, 0.05, 32.0, 0.05, 90.0, ((14.0, 2.0, 6.0), (-13.0, -3.0, 6.5))),
@@ -69,7 +70,7 @@ def forearm(spot: str) -> Phantom:
     )
 
 
-def true_limb(spot: str, fine_mm: float = 1.0, layers_mm: Mapping[str, float] = NO_LAYERS) -> Limb:
+def true_limb(spot: str, fine_mm: float = 1.0, layers_mm: Mapping[str, float] = MappingProxyType({})) -> Limb:
     """Mesh of a spot whose curves are nearly converged; with longer edges, for an extrapolation to none."""
     phantom = forearm(spot)
     size = Ring(fine_mm=fine_mm, middle_mm=3.0 * fine_mm, coarse_mm=18.0, radius_mm=REACH_MM, growth=0.5)

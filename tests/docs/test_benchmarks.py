@@ -1,6 +1,9 @@
 """The guide to benchmarks is short and names every script, target and section that exists."""
 
+import ast
 import re
+from importlib import import_module
+from importlib.util import find_spec
 from pathlib import Path
 
 import pytest
@@ -62,3 +65,18 @@ def test_benchmarks_that_other_guides_name_exist(guide: Path) -> None:
     assert set(re.findall(r"benchmarks/README\.md#([\w-]+)", text)) <= anchors(README)
     scripts = re.findall(r"benchmarks/(\w+\.py)", text)
     assert [name for name in scripts if not (FOLDER / name).is_file()] == []
+
+
+@pytest.mark.parametrize("script", sorted(FOLDER.glob("*.py")), ids=lambda path: path.stem)
+def test_a_script_takes_only_what_palpate_has(script: Path) -> None:
+    tree = ast.parse(script.read_text(encoding="utf-8"))
+    taken = (node for node in ast.walk(tree) if isinstance(node, ast.ImportFrom))
+    missing = [
+        f"{node.module}.{each.name}"
+        for node in taken
+        if (node.module or "").startswith("palpate")
+        for each in node.names
+        if not hasattr(import_module(str(node.module)), each.name)
+        and find_spec(f"{node.module}.{each.name}") is None
+    ]
+    assert missing == []

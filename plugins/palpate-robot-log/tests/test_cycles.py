@@ -110,7 +110,11 @@ def each_of(cycles):
 
 def test_the_cycles_are_drawn_with_their_drift(monkeypatch, tmp_path):
     drawn = {}
-    monkeypatch.setattr(pictures, "_save", lambda figure, path: drawn.setdefault(path.name, figure))
+
+    def keep(canvas, path, dpi):
+        drawn[path.name] = canvas.figure
+
+    monkeypatch.setattr(pictures.FigureCanvasAgg, "print_figure", keep)
     pictures.draw_cycles(processed(), tmp_path)
     (axis,) = drawn["6_cycles.png"].axes
     labels = [text.get_text() for text in axis.get_legend().get_texts()]

@@ -35,6 +35,12 @@ from palpate_jax.sensitivity import Sensitivity
 from palpate_jax.settings import JaxSettings
 from palpate_jax.skin import strain_ranges, surface_states
 
+NODES_KEPT = 40_000
+"""Nodes of the limbs that stay prepared, at about 25 kB each and more in large meshes.
+
+A fit goes from spot to spot, and between their coarse and finer meshes.
+"""
+
 
 @dataclass(frozen=True, slots=True, eq=False)
 class _Prepared:
@@ -219,9 +225,7 @@ class PathSimulations:
         found = next(known, None) or _Prepared(limb, own, Model(limb, own, self.settings.mean_dilatation))
         every = [found, *(p for p in self._recent if p is not found)]
         n_nodes = np.cumsum([p.limb.mesh.n_nodes for p in every])
-        # Nodes of the limbs that stay prepared, at about 25 kB each and more in large meshes. A fit goes
-        # from spot to spot, and between their coarse and finer meshes.
-        self._recent = [p for p, n in zip(every, n_nodes, strict=True) if p is found or n <= 40_000]
+        self._recent = [p for p, n in zip(every, n_nodes, strict=True) if p is found or n <= NODES_KEPT]
         return found
 
     def _own(self, material: Material) -> Material:
