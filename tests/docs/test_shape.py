@@ -19,7 +19,7 @@ LONGEST_FILE = 500
 LONGEST_FUNCTION = 45
 MOST = {
     "lines": 76_860,
-    "lines of the core": 33_261,
+    "lines of the core": 33_258,
     "classes": 655,
     "constants": 735,
     "long files": 0,

@@ -171,11 +171,8 @@ def _sources(results: Results) -> Iterator[_Source]:
 
 def _low_r2(rows: Sequence[Mapping[str, Any]], names: Sequence[str]) -> list[str]:
     """Least R² of each name that has one below which nothing fits, in words."""
-    least = {
-        name: min((at for row in rows if (at := row.get(f"r2_{name}")) is not None), default=1.0)
-        for name in names
-    }
-    return [f"R² {name} {at:.3g}" for name, at in least.items() if at < NO_FIT_R2]
+    found = {name: [at for row in rows if (at := row.get(f"r2_{name}")) is not None] for name in names}
+    return [f"R² {name} {min(at):.3g}" for name, at in found.items() if at and min(at) < NO_FIT_R2]
 
 
 def _set_for_all(results: Results) -> Iterator[Mapping[str, Any]]:

@@ -168,8 +168,10 @@ def shape_of(linear: LinearProblem, errors: ResidualErrors) -> tuple[float, dict
         """Probability that the test does not see so many times the usual discrepancy, less a tenth."""
         return float(distribution(np.exp(log)).cdf(limit) - 0.1)
 
-    more = scipy.optimize.brentq(unseen, -20.0, 30.0) if unseen(30.0) < 0.0 else np.inf
-    visible = {c: float(np.exp(more / 2.0) * size[c]) for c in rows.channels if np.isfinite(more)}
+    visible: dict[int, float] = {}
+    if unseen(30.0) < 0.0:
+        more = np.exp(scipy.optimize.brentq(unseen, -20.0, 30.0) / 2.0)
+        visible = {channel: float(more * size[channel]) for channel in rows.channels}
     return float(distribution(0.0).sf(white @ tested @ white)), visible
 
 

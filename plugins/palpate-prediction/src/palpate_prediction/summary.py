@@ -110,7 +110,6 @@ QUANTITIES = (
 )
 """Rows of the summary."""
 
-
 SAME_FORCE = 0.01
 """Relative difference of two forces that count as one."""
 

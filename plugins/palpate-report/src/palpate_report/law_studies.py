@@ -21,7 +21,7 @@ from palpate.api import (
 from palpate.api.files import toml_document, write_atomically
 from palpate.api.mechanics import MODES
 from palpate.api.runs import Plugins, RangeProposer, Study
-from palpate_report.answer.law import law_name
+from palpate_report.answer.law import law_name, searched_regions
 
 ALL = "all"
 """Word for every isotropic law."""
@@ -94,7 +94,7 @@ def region_of(study: Study, name: str | None) -> RegionMaterial:
 
     A StudyError where there is none, or more than one and no name.
     """
-    searched = [each for each in study.space.regions if study.space.columns_of(each.region)]
+    searched = searched_regions(study.space)
     names = [each.region for each in searched]
     if name is None and len(searched) == 1:
         return searched[0]

@@ -1,6 +1,6 @@
 """The first card of the page: what was found, how sure it is, and what it rests on."""
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 from palpate.api import ParameterName, ParameterSpace
@@ -8,7 +8,7 @@ from palpate.api.fit import EFFECTIVE, MODULI, NO_FIT_R2
 from palpate.api.report import ReportWarning
 from palpate_report.answer.headline import between_spots
 from palpate_report.answer.law import laws_of, searched_laws
-from palpate_report.answer.model_verdict import r2_by_spot
+from palpate_report.answer.model_verdict import least_r2
 from palpate_report.answer.next_step import cause_name
 from palpate_report.answer.result import Conclusion
 from palpate_report.answer.warnings import GOOD_R2
@@ -97,10 +97,11 @@ def sentence(data: ReportData, conclusion: Conclusion) -> str:
 
 def title_of(space: ParameterSpace, n_spots: int, *, differ: bool = False) -> str:
     """Law of each searched region, named where there are several, and the number of spots."""
-    laws = " and ".join(searched_laws(space)) or "fixed"
+    names = searched_laws(space) or ["fixed"]
+    laws = " and ".join(names)
     if differ:
         text = f"{laws}, the mean of {n_spots} spots that differ"
-    elif len(laws.split(" and ")) == 1:
+    elif len(names) == 1:
         text = f"one {laws} material for all {n_spots} spots" if n_spots > 1 else f"{laws} material"
     else:
         text = laws + (f", one set for all {n_spots} spots" if n_spots > 1 else "")
@@ -136,16 +137,12 @@ def cut_ends(data: ReportData, estimates: Sequence[Headline]) -> dict[str, str]:
 
 def quality(data: ReportData) -> str:
     """R² of each fitted channel, the least of all spots, with a word for it."""
-    return "; ".join(_qualities(data))
-
-
-def _qualities(data: ReportData) -> Iterator[str]:
-    rows = list(r2_by_spot(data))
-    for channel in dict.fromkeys(name for name, _, _ in rows):
-        r2, spot = min((r2, spot) for name, spot, r2 in rows if name == channel)
+    found = []
+    for channel, (r2, spot) in least_r2(data).items():
         word = "good" if r2 >= GOOD_R2 else "poor" if r2 >= NO_FIT_R2 else "no fit"
         least = f" at {spot} (the least)" if len(data.spots) > 1 else ""
-        yield f"{channel}: {word}, R² {r2:.4g}{least}"
+        found.append(f"{channel}: {word}, R² {r2:.4g}{least}")
+    return "; ".join(found)
 
 
 def _spots(data: ReportData, conclusion: Conclusion) -> str:

@@ -5,7 +5,7 @@ import re
 
 from markupsafe import Markup, escape
 
-from palpate.api import Material, ParameterSpace
+from palpate.api import Material, ParameterSpace, RegionMaterial
 from palpate_report.data.marks import in_words
 
 
@@ -27,19 +27,21 @@ def law_name(material: Material) -> str:
     return first if first.lower() == name else name.capitalize()
 
 
+def searched_regions(space: ParameterSpace) -> list[RegionMaterial]:
+    """Regions whose law depends on a searched parameter."""
+    return [region for region in space.regions if space.columns_of(region.region)]
+
+
 def laws_of(space: ParameterSpace) -> dict[str, str]:
     """Formula of each searched law by its name, empty where it has none."""
-    searched = [region for region in space.regions if space.columns_of(region.region)]
-    return {law_name(region.material): formula_of(region.material) for region in searched}
+    return {law_name(region.material): formula_of(region.material) for region in searched_regions(space)}
 
 
 def searched_laws(space: ParameterSpace) -> list[str]:
     """Names of the searched laws, each with its region where there are several."""
-    searched = [region for region in space.regions if space.columns_of(region.region)]
-    names = [law_name(region.material) for region in searched]
-    if len(names) < 2:
-        return names
-    return [f"{name} {in_words(r.region)}" for name, r in zip(names, searched, strict=True)]
+    searched = searched_regions(space)
+    where = [f" {in_words(region.region)}" if len(searched) > 1 else "" for region in searched]
+    return [law_name(region.material) + at for region, at in zip(searched, where, strict=True)]
 
 
 _TOWER = re.compile(

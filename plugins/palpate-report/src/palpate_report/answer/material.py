@@ -11,6 +11,7 @@ from palpate.api import FloatArray, IsotropicMaterial, RegionMaterial, convert
 from palpate.api.fit import every_value
 from palpate.api.mechanics import nominal_stress
 from palpate_report.answer.headline import draws_of
+from palpate_report.answer.law import searched_regions
 from palpate_report.data.marks import in_words, rounded
 from palpate_report.data.report_data import ReportData
 
@@ -61,8 +62,7 @@ def material_curves(data: ReportData, scenario: str) -> Iterator[MaterialCurves]
         found["true value"] = dict(data.study.truth)
     draws = draws_of(data, scenario, 200).to_dicts()
     unit = convert(f"1 {data.modulus_unit}", "MPa")
-    searched = (each for each in data.study.space.regions if data.study.space.columns_of(each.region))
-    for region, path in product(searched, _paths(data)):
+    for region, path in product(searched_regions(data.study.space), _paths(data)):
         every = {fit: _stress(data, region, path, row) / unit for fit, row in found.items()}
         stress = {fit: values for fit, values in every.items() if np.isfinite(values).all()}
         band = np.array([_stress(data, region, path, row) / unit for row in draws])

@@ -103,6 +103,12 @@ def _ranges(data: ReportData) -> Iterator[str]:
         yield f"{quantity} {lower} to {upper}{f' {unit}' if unit else ''}"
 
 
+def least_r2(data: ReportData) -> dict[str, tuple[float, str]]:
+    """Least R² of each fitted channel of what leads, and its spot."""
+    rows = list(r2_by_spot(data))
+    return {name: min((r2, spot) for of, spot, r2 in rows if of == name) for name, _, _ in rows}
+
+
 def r2_by_spot(data: ReportData) -> Iterator[tuple[str, str, float]]:
     """Name, spot and R² of each fitted channel of what leads; where spots differ, of their own fits."""
     main = data.generalising.name

@@ -14,7 +14,7 @@ from palpate.api.runs import Study, answering_for
 from palpate_report.answer.failed_checks import apparent, left_out
 from palpate_report.answer.headline import between_spots, holds_truth, missed_truth
 from palpate_report.answer.methods import methods
-from palpate_report.answer.model_verdict import ModelVerdict, model_verdict, r2_by_spot
+from palpate_report.answer.model_verdict import ModelVerdict, least_r2, model_verdict
 from palpate_report.answer.next_step import next_step
 from palpate_report.answer.warnings import report_warnings, warn
 from palpate_report.data.best import Best
@@ -242,10 +242,7 @@ def _lead(data: ReportData) -> tuple[str, list[str], str]:
         if data.spots_differ(best.scenario):
             of, fopt = f"Mean of {len(data.spots)} spots that differ", "each spot by its own fit"
         least = "at least " if where == ALL_SPOTS else ""
-        of_channels: dict[str, float] = {}
-        for name, _, at in r2_by_spot(data):
-            of_channels[name] = min(at, of_channels.get(name, at))
-        r2 = [f"R² {name} {least}{at:.4g}" for name, at in of_channels.items()]
+        r2 = [f"R² {name} {least}{at:.4g}" for name, (at, _) in least_r2(data).items()]
         about = f"{of}, fitted to {best.fitted_to} (scenario {best.scenario})"
         return about, values, f"{', '.join([fopt, *r2])} ({best.found})"
     if data.generalisation.is_empty():
