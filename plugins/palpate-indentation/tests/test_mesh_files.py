@@ -14,7 +14,7 @@ import h5py
 import meshio
 import numpy as np
 import pytest
-from hypothesis import given, strategies as st
+from hypothesis import example, given, strategies as st
 
 from palpate.domain import Spot
 from palpate.errors import MeshError, PalpateError
@@ -135,6 +135,56 @@ def test_damage_to_a_mesh_file_never_escapes_as_anything_but_an_error(
             return
     assert np.isfinite(limb.mesh.points_mm).all()
     assert max(int(cells.max()) for cells in limb.mesh.cells.values()) < limb.mesh.n_nodes
+
+
+def legacy(words: list[str], kind: bytes) -> bytes:
+    """A tetrahedron as VTK 9 writes it, under an array of words and one of numbers."""
+
+    def numbers(given: Any, of: str) -> bytes:
+        values = np.asarray(given).ravel()
+        return (
+            " ".join(map(str, values)).encode() if kind == b"ASCII" else values.astype(of).tobytes()
+        ) + b"\n"
+
+    def packed(word: bytes) -> bytes:
+        size = len(word)
+        return (0xC0 | size).to_bytes(1) + word if size < 64 else (0x8000 | size).to_bytes(2) + word
+
+    words_of = [word.encode() for word in words]
+    if kind == b"ASCII":
+        text = b"".join(word.replace(b" ", b"%20") + b"\n" for word in words_of)
+    else:
+        text = b"".join(map(packed, words_of)) + b"\n"
+    parts = [
+        b"# vtk DataFile Version 5.1\nvtk output\n%b\nDATASET UNSTRUCTURED_GRID\n" % kind,
+        b"FIELD FieldData 2\nmade%%20by 1 %d string\n%bMETADATA\nINFORMATION 0\n\n" % (len(words), text),
+        b"TIME 1 1 double\n%bMETADATA\nINFORMATION 0\n\n" % numbers([0.5], ">f8"),
+        b"POINTS 4 float\n" + numbers(np.eye(4)[:, :3], ">f4"),
+        b"CELLS 2 4\nOFFSETS vtktypeint64\n" + numbers([0, 4], ">i8"),
+        b"CONNECTIVITY vtktypeint64\n" + numbers(range(4), ">i8"),
+        b"CELL_TYPES 1\n" + numbers([10], ">i4"),
+        b"CELL_DATA 1\nFIELD FieldData 2\nNULL_ARRAY\nlabel 1 1 int\n" + numbers([7], ">i4"),
+    ]
+    return b"".join(parts)
+
+
+@given(st.lists(st.text("ab 1\x8a", max_size=300), max_size=6), st.sampled_from([b"ASCII", b"BINARY"]))
+@example(["\n" + "a" * 265, "", "POINTS 3"], b"BINARY")
+@example(["", "a", ""], b"ASCII")
+def test_words_in_a_legacy_file_are_passed_over(words: list[str], kind: bytes) -> None:
+    with tempfile.TemporaryDirectory() as folder:
+        path = Path(folder) / "m.vtk"
+        path.write_bytes(legacy(words, kind))
+        found = read_here(path)
+        np.testing.assert_array_equal(found.points, np.eye(4)[:, :3])
+        assert [(name, cells.tolist()) for name, cells in found.blocks] == [("tetra", [[0, 1, 2, 3]])]
+        assert {name: values[0].tolist() for name, values in found.cell_data.items()} == {"label": [7]}
+
+
+def test_an_array_of_another_type_is_named(tmp_path: Path) -> None:
+    (tmp_path / "m.vtk").write_bytes(legacy([], b"ASCII").replace(b"label 1 1 int", b"label 1 1 variant"))
+    with pytest.raises(MeshError, match="'label 1 1 variant' gives no numbers that are read; .* as .vtu"):
+        read_here(tmp_path / "m.vtk")
 
 
 def test_a_file_too_large_to_be_a_segment_is_refused(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:

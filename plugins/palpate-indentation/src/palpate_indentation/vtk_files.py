@@ -61,31 +61,20 @@ BY_SIZE: Mapping[int, Mapping[int, int]] = MappingProxyType(
 
 NUMBERS: Mapping[str, str] = MappingProxyType(
     {
-        "Int8": "i1",
-        "Int16": "i2",
-        "Int32": "i4",
-        "Int64": "i8",
-        "Float32": "f4",
-        "UInt8": "u1",
-        "UInt16": "u2",
-        "UInt32": "u4",
-        "UInt64": "u8",
-        "Float64": "f8",
-        "char": "i1",
-        "signed_char": "i1",
-        "unsigned_char": "u1",
-        "short": "i2",
-        "unsigned_short": "u2",
-        "int": "i4",
-        "unsigned_int": "u4",
-        "long": "i8",
-        "unsigned_long": "u8",
-        "float": "f4",
-        "double": "f8",
-        "vtktypeint64": "i8",
-        "vtktypeint32": "i4",
-        "vtkidtype": "i4",
-        "bit": "u1",
+        name: kind
+        for kind, names in {
+            "i1": "Int8 char signed_char",
+            "i2": "Int16 short",
+            "i4": "Int32 int vtktypeint32 vtkidtype",
+            "i8": "Int64 long vtktypeint64",
+            "u1": "UInt8 unsigned_char bit",
+            "u2": "UInt16 unsigned_short",
+            "u4": "UInt32 unsigned_int",
+            "u8": "UInt64 unsigned_long",
+            "f4": "Float32 float",
+            "f8": "Float64 double",
+        }.items()
+        for name in names.split()
     }
 )
 """Types of numbers of NumPy by the names of .vtu, and in small letters of legacy files."""
@@ -322,8 +311,20 @@ class _Legacy:
         end = re.compile(rb"\n\s*\n").search(self.text, self.at)
         self.at = len(self.text) if end is None else end.end()
 
+    def pass_words(self, n: int) -> None:
+        """Pass n words: a line each in ASCII, which may be empty, and each behind its length in binary."""
+        for _ in range(n):
+            if self.is_text:
+                self.at = self.text.index(b"\n", self.at) + 1
+            else:
+                width = 8 >> (self.text[self.at] >> 6)  # the first two bits show the size of the length
+                self.at += width + int.from_bytes(self.text[self.at : self.at + width]) % (1 << 8 * width - 2)
+
     def values(self, n: int, dtype: str) -> Array:
         """Next n numbers."""
+        if dtype.lower() not in NUMBERS:
+            line = self.text[: self.at].split(b"\n")[-2].decode("latin-1")
+            raise MeshError(f"{self.path}: '{line}' gives no numbers that are read; save the mesh as .vtu")
         kind = np.dtype(">" + NUMBERS[dtype.lower()])
         if dtype.lower() == "bit" and not self.is_text:
             packed = np.frombuffer(self.text, np.uint8, -(-n // 8), self.at)
@@ -363,14 +364,13 @@ class _Legacy:
         """Arrays of a field, one row for each of n points or cells; others and text are passed."""
         found = {}
         for _ in range(number):
-            words = self.line().split()
-            while words[0].upper() == "METADATA":
+            while (words := self.line().split())[0].upper() == "METADATA":
                 self.metadata()
-                words = self.line().split()
+            if words[0] == "NULL_ARRAY":
+                continue
             name, width, length, dtype = words[0], int(words[1]), int(words[2]), words[3]
-            if dtype.lower() == "string":
-                for _ in range(width * length):
-                    self.line()
+            if dtype.lower() in ("string", "utf8_string"):
+                self.pass_words(width * length)
                 continue
             values = self.values(width * length, dtype)
             if length == n and n:
