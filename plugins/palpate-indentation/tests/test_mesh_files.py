@@ -183,7 +183,7 @@ def test_words_in_a_legacy_file_are_passed_over(words: list[str], kind: bytes) -
 
 def test_an_array_of_another_type_is_named(tmp_path: Path) -> None:
     (tmp_path / "m.vtk").write_bytes(legacy([], b"ASCII").replace(b"label 1 1 int", b"label 1 1 variant"))
-    with pytest.raises(MeshError, match="'label 1 1 variant' gives no numbers that are read; .* as .vtu"):
+    with pytest.raises(MeshError, match=r"'label 1 1 variant' gives no numbers that are read; .* as \.vtu"):
         read_here(tmp_path / "m.vtk")
 
 
