@@ -18,10 +18,10 @@ ROOT = Path(__file__).parents[2]
 LONGEST_FILE = 500
 LONGEST_FUNCTION = 45
 MOST = {
-    "lines": 76_860,
+    "lines": 76_858,
     "lines of the core": 33_258,
     "classes": 655,
-    "constants": 735,
+    "constants": 732,
     "long files": 0,
     "long functions": 6,
     "docstrings without a noun first": 0,

@@ -14,12 +14,12 @@ from palpate.study.reading import read_study
 from palpate_report.answer.card import answer, apart_from_joint, title_of
 from palpate_report.answer.failed_checks import apparent
 from palpate_report.answer.law import typeset
-from palpate_report.answer.next_step import CAUSES
+from palpate_report.answer.next_step import CAUSES, COLOURS
 from palpate_report.answer.result import Report, make_conclusion
 from palpate_report.answer.warnings import report_warnings
 from palpate_report.data.tables import make_tables, printed
 from palpate_report.figures.drawings import interval_plot
-from palpate_report.figures.panels import COLOURS, budget_bars, colour_of
+from palpate_report.figures.panels import budget_bars, colour_of
 from palpate_report.page.html import laid_out, render
 from palpate_report.stage import summary_of
 
@@ -311,7 +311,7 @@ def test_a_cause_has_one_colour_whatever_its_rank(fitted):
     assert len({causes[0] for causes in ranks} | {causes[1] for causes in ranks}) > 1
     names = {name for causes in ranks for name in causes}
     assert len({colour_of(name) for name in names}) == len(names)
-    assert len(set(COLOURS)) == len(CAUSES)
+    assert len(set(COLOURS.values())) == len(CAUSES)
 
 
 def test_causes_are_printed_side_by_side_in_percent(fitted):

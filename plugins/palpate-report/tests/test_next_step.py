@@ -12,7 +12,7 @@ from palpate.api.fit import ALL_SPOTS
 from palpate.domain.indenter import Sphere
 from palpate.fit.least_squares import LeastSquares
 from palpate.study.model import BudgetTable
-from palpate_report.answer.next_step import AFTER_REFUSAL, CAUSES, REMEDIES, SETTINGS, WRITE_UP
+from palpate_report.answer.next_step import AFTER_REFUSAL, CAUSES, REMEDIES, SETTINGS, WRITE_UP, typed
 from palpate_report.answer.result import Report, make_conclusion
 from palpate_report.data.marks import with_minus
 from palpate_report.page.html import render
@@ -64,6 +64,18 @@ def said(data):
     return make_conclusion(data, {}).next_step
 
 
+def rank(data):
+    return f"`palpate next {data.folder} --for {WORST}`"
+
+
+@pytest.mark.parametrize(("folder", "shown"), [("arm", "arm"), ("a b/arm", "'a b/arm'"), ("/x/y", "/x/y")])
+def test_commands_name_the_folder_of_the_run(fitted, monkeypatch, tmp_path, folder, shown):
+    monkeypatch.chdir(tmp_path)
+    data = replace(because(pressed(fitted), "range"), folder=tmp_path / folder)
+    assert said(data).endswith(f"`palpate next {shown} --for {WORST}`")
+    assert said(replace(data, unfinished="2 of 3")) == f"finish the run: `palpate run {shown}`"
+
+
 def budgeted(data, **keys):
     """The data of a study whose budget states these keys."""
     return replace(data, study=replace(data.study, budget=BudgetTable(**keys)))
@@ -103,7 +115,7 @@ def test_a_model_that_passes_its_checks_is_not_to_be_changed(fitted, probability
                    probability)  # fmt: skip
     assert said(data) == (
         "grip is limited by model error that `[budget] discrepancy` states (force 1 %, torque 3 %): 58 % of "
-        f"its variance; rank further presses: `palpate next runs/{data.study.name} --for {WORST}`"
+        f"its variance; rank further presses: {rank(data)}"
     )
     test = replace(data, study=replace(data.study, protocol=None))
     assert said(test).endswith("; measure another kind of test")
@@ -120,11 +132,10 @@ def test_a_smaller_model_error_is_not_proposed_where_the_curves_show_a_larger_on
 def test_after_a_refusal_the_check_that_failed_decides(fitted, failed):
     data = checked(pressed(fitted), 1e-9, [failed])
     assert make_conclusion(data, {}).failure
-    name = data.study.name
-    assert said(data) == AFTER_REFUSAL[failed].format(name=name)
+    assert said(data) == typed(AFTER_REFUSAL[failed], data)
     assert ("compare other laws" in said(data)) == (failed == "discrepancy")
     test = replace(data, study=replace(data.study, protocol=None))
-    assert said(test) == AFTER_REFUSAL["specimen" if failed == "discrepancy" else failed].format(name=name)
+    assert said(test) == typed(AFTER_REFUSAL["specimen" if failed == "discrepancy" else failed], data)
 
 
 def test_a_fit_that_misses_everything_asks_for_units_and_columns(fitted):
@@ -157,7 +168,7 @@ def test_a_mesh_that_a_run_refines_by_itself_may_have_more_nodes_or_errs_as_mesh
     row = {"fit": ALL_SPOTS, "scenario": "I", "spot": "p1", "channel": "force", "relative_error": 0.003}
     table = pl.DataFrame([row]).with_columns(shown_by=pl.lit("usual scatter"))
     scattered = with_tables(refined, mesh_errors=table)
-    assert said(scattered).endswith(f"; rank further presses: `palpate next runs/sponge --for {WORST}`")
+    assert said(scattered).endswith(f"; rank further presses: {rank(refined)}")
 
 
 def test_the_error_of_the_meshes_has_a_line_with_the_interval_that_it_decides_most(fitted):
@@ -180,7 +191,7 @@ def test_a_parameter_that_the_curves_do_not_know_needs_another_press_or_test(fit
     test = replace(data, study=replace(data.study, protocol=None))
     why = "is known by its prior alone" if cause == "priors" else "hardly changes the curves"
     assert said(test) == f"grip {why}: measure another kind of test"
-    assert f"`palpate next runs/sponge --for {WORST}`" in said(pressed(data))
+    assert rank(data) in said(pressed(data))
 
 
 def test_a_fixed_parameter_that_leads_is_to_be_measured(fitted):
@@ -191,7 +202,7 @@ def test_a_fixed_parameter_that_leads_is_to_be_measured(fitted):
 
 def test_where_all_is_known_it_is_to_be_written_up(fitted):
     known = with_words(fitted, {OTHER: "well", WORST: "well"})
-    assert said(because(known, "mesh")) == WRITE_UP.format(name="sponge")
+    assert said(because(known, "mesh")) == typed(WRITE_UP, fitted)
 
 
 def test_a_range_that_ends_too_early_comes_before_every_cause(fitted):
@@ -204,7 +215,7 @@ def test_a_range_that_ends_too_early_comes_before_every_cause(fitted):
 def test_without_a_result_it_says_what_is_missing(content, fitted):
     data = refused(content(search=LeastSquares()))
     assert make_conclusion(data, {}).failure
-    assert said(data) in [each.format(name=data.study.name) for each in AFTER_REFUSAL.values()]
+    assert said(data) in [typed(each, data) for each in AFTER_REFUSAL.values()]
     assert "palpate run" in said(replace(fitted, unfinished="2 of 3"))
     assert "search with a fit" in said(content())
 

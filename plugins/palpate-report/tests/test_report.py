@@ -360,7 +360,8 @@ def test_three_channels_of_other_names_and_a_spot_that_lacks_one(
     chosen = select(scores, scenarios, design)
     assert chosen.select("spot", "scenario").rows() == [(p, s) for p in ("p1", "p2") for s in ("UT", "all")]
     made = ReportData(
-        study=study, channels=channels, measured=measured, design=design, scores=scores, selection=chosen,
+        study=study, folder=tmp_path / "run", channels=channels, measured=measured, design=design,
+        scores=scores, selection=chosen,
         generalisation=generalise(scores, scenarios[0], design, list(measured)),
         fit=FitResult(),
         responses={(s.job.spot, s.job.set_id): s.response for s in swept},

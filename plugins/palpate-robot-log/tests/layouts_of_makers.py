@@ -262,6 +262,14 @@ def _curves() -> Mapping[str, Callable[[], Layout]]:
         "a unit that its capital leaves open": lambda: made(["depthUm,forceUN", *rows(1e3 * DEPTH, 1e6 * FORCE)], "question"),
         "commas between thousands": lambda: made(
             ["Travel (um);Force (mN)", *[f"{d:,.0f};{f:,.0f}" for d, f in zip((1e3 * DEPTH).tolist(), (1e3 * FORCE).tolist(), strict=True)]], "refused"),
+        "blanks between thousands": lambda: made(
+            ["Travel (um);Force (mN)", *[f"{d:,.0f};{f:,.0f}".replace(",", " ") for d, f in zip((1e3 * DEPTH).tolist(), (1e3 * FORCE).tolist(), strict=True)]], "curve"),
+        "force in two units": lambda: made(
+            ["Crosshead (in),Crosshead (mm),Load (lbf),Load (N)", *[f"{d / 25.4:.4f},{d:.6f},{f / 4.4482216:.3f},{f:.5f}" for d, f in zip(DEPTH, FORCE, strict=True)]], "curve"),
+        "two sensors in two units": lambda: made(
+            ["Crosshead (mm),Load (lbf),Load (N)", *rows(DEPTH, FORCE, FORCE)], "question"),
+        "two values in a cell": lambda: made(
+            ["Depth (mm);Force (mN)", *[f"{d:.4f};{100 + k} {300 + f:.0f}" for k, (d, f) in enumerate(zip(DEPTH, FORCE, strict=True))]], "question"),
         "apostrophes between thousands": lambda: made(
             ["Travel (um);Force (mN)", *[f"{d:,.0f};{f:,.1f}".replace(",", "'") for d, f in zip((1e3 * DEPTH).tolist(), (1e3 * FORCE).tolist(), strict=True)]], "curve"),
         "creep": lambda: made(["Time (s),Strain (%),Stress (Pa)", *rows(SECONDS, 100.0 * STRAIN, 0.0 * STRAIN + 100.0)], "question"),
@@ -426,6 +434,12 @@ def _presses() -> Mapping[str, Callable[[], Layout]]:
                       *(f"actual_TCP_pose_{i}" for i in range(6)), *(f"actual_TCP_force_{i}" for i in range(6))]),
             t, 0.3 * m + 0.1, 9.8 + 0.1 * np.sin(tip), m, m, rotvec, base_f, base_m),
         "tracker without a wrench": lambda: named("Frame,Q0,Qx,Qy,Qz,Tx,Ty,Tz", np.arange(t.size), w_first, tip)._replace(holds="question"),
+        "a wrist's joint": lambda: named(
+            ",".join(["t_s", *(f"{of}{axis}" for of in ("column.pos.", "column.quat.") for axis in "xyzw"[: 3 + ("q" in of)]),
+                      *(f"wrist_joint_{of}_{axis}" for of in ("force", "torque") for axis in "xyz")]), t, m, q, f, moment),
+        "an elbow next to the tool": lambda: named(
+            ",".join(["t_s", *(f"elbow_position_{axis} [m]" for axis in "xyz"), "x,y,z,qx,qy,qz,qw,fx,fy,fz,mx,my,mz"]),
+            t, 0.3 * m + 0.1, m, q, f, moment),
         "KUKA's letters of the moment": lambda: named(
             "time_s,x,y,z,a,b,c,ft_x,ft_y,ft_z,ft_a,ft_b,ft_c", t, tip, zyx, f, moment[:, ::-1]),
         "HDF5 of a trial": lambda: hdf5(

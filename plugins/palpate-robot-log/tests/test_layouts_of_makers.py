@@ -41,6 +41,8 @@ QUESTIONS = {
     "biaxial machine": "XDisplacement_um or YDisplacement_um, and XForce_mN or YForce_mN? name one",
     "a unit that its capital leaves open": "the file gives 'UN?', which is no unit of force",
     "commas between thousands": "'1,000' next to '200' has marks between its thousands",
+    "two values in a cell": "'100 300' has marks between its thousands; export the file",
+    "two sensors in two units": "force: Load (N) or Load (lbf)? name one",
     "nanometres in capitals": "the file gives 'Nm?'",
     "creep": "Stress (Pa) hardly changes, as in creep",
     "creep from zero": "Stress (kPa) hardly changes, as in creep",
@@ -108,6 +110,10 @@ FAST = (
     "cycles that grow",
     "commas between thousands",
     "creep from zero",
+    "blanks between thousands",
+    "two values in a cell",
+    "force in two units",
+    "two sensors in two units",
     "moment before force, by numbers",
     "JSON of short names",
     "samples by number",
@@ -152,6 +158,8 @@ FAST = (
     "HDF5 of data and unit",
     "Parquet of structures",
     *MATLAB,
+    "a wrist's joint",
+    "an elbow next to the tool",
     "KUKA's letters of the moment",
 )
 

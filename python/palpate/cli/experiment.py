@@ -84,8 +84,8 @@ def show_cycles(session: Session, measured: "Mapping[str, Response]") -> None:
         channels = dict.fromkeys(name for row in rows for name in row.get("peaks", ()))
         cells = []
         for row in rows:
-            cell = [f"{row['cycle']}{' (counts)' * row['counts']}", _number(row["start_s"])]
-            cell.append(_number(row.get("depth_mm")))
+            shown = map(_number, (row["start_s"], row.get("depth_mm")))
+            cell = [f"{row['cycle']}{' (counts)' * row['counts']}", *shown]
             for name in channels:
                 change = row.get("changes", {}).get(name, {})
                 cell.append(_number(row.get("peaks", {}).get(name)))
@@ -94,9 +94,8 @@ def show_cycles(session: Session, measured: "Mapping[str, Response]") -> None:
         peaks = (f"{name} [{session.plugins.channels[name].units[1]}]" for name in channels)
         heads = [head for peak in peaks for head in (peak, "since before", "since first")]
         session.table(f"Cycles of {file}", ["cycle", "from [s]", "depth [mm]", *heads, "work [N·mm]"], cells)
-        for row in rows:
-            if row["problem"]:
-                session.say(f"cycle {row['cycle']} cannot be processed: {row['problem']}")
+        for row in (row for row in rows if row["problem"]):
+            session.say(f"cycle {row['cycle']} cannot be processed: {row['problem']}")
 
 
 def _number(value: float | None, *, percent: bool = False) -> str | None:
@@ -177,10 +176,8 @@ def inspect(
         session.say(f"\n{found.study_text}")
         wrench = f" --wrench {other}" if other else ""
         mesh = "" if found.test else " --mesh MESH"
-        session.next(
-            f"init FOLDER --measured {file}{wrench}{mesh}",
-            "put these tables into a study.toml, or make one; ",
-        )
+        how = "put these tables into a study.toml, or make one; "
+        session.next(f"init FOLDER --measured {file}{wrench}{mesh}", how)
 
 
 def look_into(file: Path, other: Path | None, session: Session, loader: str | None) -> "Inspection":

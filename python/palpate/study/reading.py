@@ -1,5 +1,6 @@
 """study.toml → Study: every name, unit and range checked, with the line in the message."""
 
+import re
 import tomllib
 from collections.abc import Collection, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
@@ -278,7 +279,7 @@ def read_study(
     text, raw = parse_toml(path)
     problems = Problems(path, KeyLines(text), raw)
     context = Context((copy_of or path).resolve(), plugins, problems, is_copy=copy_of is not None)
-    return _build(context, _tables(raw, problems), need_measured)
+    return _build(context, _tables(raw, problems, text), need_measured)
 
 
 def with_study_plugins(path: Path | str, plugins: Plugins | None = None) -> Plugins:
@@ -351,7 +352,7 @@ def parse_toml(path: Path) -> tuple[str, dict[str, Any]]:
         raise StudyError(f"{path}: {error}") from None
 
 
-def _tables(raw: Mapping[str, Any], problems: Problems) -> StudyFile:
+def _tables(raw: Mapping[str, Any], problems: Problems, text: str) -> StudyFile:
     """Check the shape of a study file, table by table, so that one bad table hides no other.
 
     A required table that is absent or not valid is None or empty, another one has its defaults.
@@ -365,7 +366,10 @@ def _tables(raw: Mapping[str, Any], problems: Problems) -> StudyFile:
                 table: Any = Annotated[declared.annotation, declared]
                 valid[name] = TypeAdapter(table).validate_python(raw[name])
             elif declared.is_required():
-                problems.add((), f"missing table [{name}]; add it")
+                asked = re.search(rf"((?:^# .+\n)+)# \[{name}\]$", text, re.MULTILINE)
+                first = asked[1].strip("# \n").replace("\n# ", "; ") if asked else ""
+                how = f"is in comments; answer first: {first}; then remove the # before its lines"
+                problems.add((), f"table [{name}] {how}" if first else f"missing table [{name}]; add it")
         except ValidationError as error:
             problems.add_invalid((name,), error, declared.annotation)
     for name in raw.keys() - StudyFile.model_fields.keys():

@@ -35,6 +35,12 @@ def test_missing_tables_are_named(tmp_path: Path, plugins: Plugins) -> None:
         assert f"1: missing table [{table}]; add it" in found
 
 
+def test_a_table_in_comments_repeats_its_question(tmp_path: Path, plugins: Plugins) -> None:
+    asked = '# which is the depth? name it\n# give scale\n# [experiment]\n# loader = "csv"\n'
+    shown = "[experiment] is in comments; answer first: which is the depth? name it; give scale; then remove"
+    assert any(shown in line for line in messages(tmp_path, plugins, asked))
+
+
 @pytest.mark.parametrize(
     ("content", "message"),
     [

@@ -96,6 +96,7 @@ def report_data(run: Run, *, unfinished: str = "") -> ReportData:
         tables = {name: run.current(name) for name in names if name not in READ}
     return ReportData(
         study=study,
+        folder=run.directory.folder,
         channels=run.channels,
         sections=run.sections,
         pictures={spot.spot.name: _pictures(run, spot) for spot in study.spots},

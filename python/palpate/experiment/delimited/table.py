@@ -64,7 +64,6 @@ class Column:
         return self.unit or unit_in(self.name)[1]
 
 
-_ASCII = bytes(range(128))
 _MARKS: Mapping[bytes, Encoding] = {BOM_UTF8: "utf-8", BOM_UTF16_LE: "utf-16", BOM_UTF16_BE: "utf-16"}
 _USUAL_PAIRS: Mapping[Encoding, bytes] = {
     "shift_jis": rb"[\x81-\x83\x88-\x97][\x40-\x7e\x80-\xfc]",
@@ -133,9 +132,10 @@ def decoded(path: Path, given: Encoding | None) -> tuple[str, Encoding]:
     # Japanese or Chinese text has most bytes outside of ASCII in its usual pairs.
     head = raw[:100_000]
     n_paired = {
-        key: len(b"".join(re.findall(of, head)).translate(None, _ASCII)) for key, of in _USUAL_PAIRS.items()
+        key: len(b"".join(re.findall(of, head)).translate(None, bytes(range(128))))
+        for key, of in _USUAL_PAIRS.items()
     }
-    paired = (key for key, n in n_paired.items() if n > 0.7 * len(head.translate(None, _ASCII)))
+    paired = (key for key, n in n_paired.items() if n > 0.7 * len(head.translate(None, bytes(range(128)))))
     guesses: tuple[Encoding, ...] = ("utf-8", *paired, "cp1252", "latin-1")
     for encoding in (marked,) if marked else guesses:
         try:
@@ -318,15 +318,14 @@ class TextTable:
         if re.fullmatch(r"(?i)[+-]?inf(inity)?", cell):
             return f"{cell} is not a finite number; repair or remove the row"
         if re.fullmatch(THOUSANDS[decimal], cell):
-            return f"'{cell}' has marks between its thousands; export the file without them"
+            shown = f"'{cell}' has marks between its thousands; export the file without them"
+            return f"{shown}, or give each of two values its own column" if " " in cell else shown
         if kind_of_cell(cell, decimal) == "number":
             return f"{cell} is too large for a number; repair the row"
         other = "." if decimal == "," else ","
         if kind_of_cell(cell.replace(other, "."), ".") == "number":
-            return (
-                f"'{cell}' is not a number with decimal mark '{decimal}'; "
-                f'repair the row, or set decimal = "{other}"'
-            )
+            how = f'repair the row, or set decimal = "{other}"'
+            return f"'{cell}' is not a number with decimal mark '{decimal}'; {how}"
         return f"'{cell}' is not a number; repair or remove the row"
 
     def notes(self) -> tuple[str, ...]:
@@ -453,10 +452,8 @@ def _numbers(cells: "pl.Series", decimal: str, place: int | None) -> tuple[Float
 
     if place is not None:
         inside = cells.str.replace("^[A-Za-z]+", "").str.replace_all(BETWEEN_NUMBERS, ";")
-        cells, decimal = (
-            inside.str.strip_chars(";").str.split(";").list.get(place, null_on_oob=True).fill_null("?"),
-            ".",
-        )
+        parts, decimal = inside.str.strip_chars(";").str.split(";"), "."
+        cells = parts.list.get(place, null_on_oob=True).fill_null("?")
     values = cells.cast(pl.Float64, strict=False)
     bad = pl.Series([False]).new_from_index(0, len(cells))
     if decimal == "," or values.null_count() or values.is_infinite().any():
@@ -464,8 +461,10 @@ def _numbers(cells: "pl.Series", decimal: str, place: int | None) -> tuple[Float
         plain = cells.str.replace(",", ".", literal=True) if decimal == "," else cells
         is_number = cells.str.contains(f"^(?:{NUMBERS[decimal]})$")
         marked = ~is_number & cells.str.contains(f"^(?:{THOUSANDS[decimal]})$")
-        # 1,000 alone may be one, but not 1,000.5, nor next to it.
-        if cells.filter(marked).str.contains(rf"\{decimal}|['\u00a0\u202f ]").any():
+        # 1,000 alone may be one, but not 1,000.5, nor next to it; 300 400 may be two, but not next to 80.
+        are_small = cells.filter(is_number).str.contains(r"^[+-]?\d{1,3}(\D|$)")
+        blank = " " if are_small.len() and are_small.all() else ""
+        if cells.filter(marked).str.contains(rf"\{decimal}|['\u00a0\u202f{blank}]").any():
             bare = cells.str.replace_all(rf"[^\d{decimal}+-]", "").str.replace(",", ".", literal=True)
             plain, is_number = plain.zip_with(~marked, bare), is_number | marked
         values = plain.str.replace("[dD]", "e").cast(pl.Float64, strict=False)

@@ -1,6 +1,10 @@
 """Advice on what to do next, in one line: by the largest cause of the widest interval."""
 
+import shlex
+import tomllib
 from collections.abc import Mapping, Sequence
+from importlib.resources import files
+from pathlib import Path
 from types import MappingProxyType
 
 from palpate.api import Indentation
@@ -9,57 +13,19 @@ from palpate_report.answer.failed_checks import failed_checks
 from palpate_report.data.marks import Headline, in_words
 from palpate_report.data.report_data import ReportData
 
-WRITE_UP = "every parameter is identified; print the material with its intervals: `palpate card runs/{name}`"
+WRITE_UP = "every parameter is identified; print the material with its intervals: `palpate card {run}`"
 
-CAUSES: Mapping[str, str] = MappingProxyType(
-    {
-        "noise": "noise",
-        "model": "model error",
-        "mesh": "mesh error",
-        "correction": "correction by finer meshes",
-        "zero": "drift",
-        "priors": "priors",
-        "range": "insensitive curves",
-        "gain": "calibration error",
-        "onset": "first contact",
-        "indenter": "radius of the indenter",
-        "friction": "friction",
-        "contact": "contact stiffness",
-        "tilt": "tilt",
-        "position": "position of the spots",
-        "spots": "differences between the spots",
-        "bone": "depth of the bone",
-        "layers": "thickness of the layers",
-    }
+_TABLE = tomllib.loads(files("palpate_report").joinpath("answer/causes.toml").read_text(encoding="utf-8"))
+CAUSES, SETTINGS, REMEDIES, _COLOURS = (
+    {cause: of[key] for cause, of in _TABLE.items() if key in of}
+    for key in ("words", "setting", "remedy", "colour")
 )
-"""Causes of intervals in words; others, such as fixed parameters, are named as they are."""
+"""Causes of intervals in words, the key of `[budget]` that states the size of each, what makes it smaller
+where no other evidence is needed, and its colour. Others, such as fixed parameters, have their own name."""
+COLOURS: Mapping[str, str] = {CAUSES[cause]: colour for cause, colour in _COLOURS.items()}
+"""Colours in figures by the words of a cause."""
 
-SETTINGS: Mapping[str, str] = MappingProxyType(
-    {"model": "discrepancy", "indenter": "radius"}
-    | {name: name for name in ("zero", "gain", "onset", "friction", "tilt", "position", "bone", "layers")}
-)
-"""Key of `[budget]` that states the size of a cause."""
-
-REMEDIES: Mapping[str, str] = MappingProxyType(
-    {
-        "noise": "repeat the measurement and average",
-        "zero": "reduce the drift of the sensor, and state the remaining drift",
-        "gain": "calibrate the sensor, and state the remaining error",
-        "onset": "sample more densely at first contact, and state the remaining error",
-        "indenter": "measure the radius, and state its error",
-        "friction": "measure the friction, and state its error",
-        "correction": "set a larger `fine_runs` under `[fit]`: finer meshes nearer to the answer",
-        "contact": "set `fine_edge` under `[fit]`: the finer mesh shows a rigid contact",
-        "spots": "measure more spots",
-        "tilt": "align the tool with the normal, and state the remaining tilt",
-        "position": "locate the spots on the scan better, and state the remaining error",
-        "bone": "image the bone at the spots, and state the remaining error",
-        "layers": "measure the layers by ultrasound or MRI, and state the remaining error",
-    }
-)
-"""How to make a cause smaller that no other evidence is needed for."""
-
-OTHER_MATERIAL = "compare other laws: `palpate compare {name} --materials all`"
+OTHER_MATERIAL = "compare other laws: `palpate compare {study} --materials all`"
 
 AFTER_REFUSAL: Mapping[str, str] = MappingProxyType(
     {
@@ -88,22 +54,31 @@ def next_step(data: ReportData, estimates: Sequence[Headline], *, model: Adequac
         Verdict on the model of what leads.
     """
     if data.unfinished:
-        return f"finish the run: `palpate run runs/{data.study.name}`"
+        return typed("finish the run: `palpate run {run}`", data)
     if model is Adequacy.FAILS:
         main = (data.together, data.generalising.name)
         failed = (each for each in failed_checks(data) if each.verdict is model)
-        advice = AFTER_REFUSAL[next((e.kind for e in failed if (e.fit, e.scenario) == main), "")]
-        return advice.format(name=data.study.name)
+        return typed(AFTER_REFUSAL[next((e.kind for e in failed if (e.fit, e.scenario) == main), "")], data)
     if at_end := ", ".join(p.parameter for p in estimates if p.at_bound and p.identifiability != "not"):
         return f"widen the range of {at_end} and run again; simulations are kept"
     if model is Adequacy.APPROXIMATES:
-        return OTHER_MATERIAL.format(name=data.study.name)
+        return typed(OTHER_MATERIAL, data)
     open_ones = [each for each in estimates if each.identifiability != "well"]
     if not open_ones:
-        return WRITE_UP.format(name=data.study.name) if estimates else ""
+        return typed(WRITE_UP, data) if estimates else ""
     if any(each.level is None for each in open_ones):
         return "search with a fit, which finds 95 % intervals and their causes (docs/fit.md)"
     return _narrower(data, max(open_ones, key=_relative_width))
+
+
+def typed(advice: str, data: ReportData) -> str:
+    """Advice whose command names the folders of run and study, as they are typed here."""
+    paths = {"run": data.folder.resolve(), "study": data.study.file.parent}
+    here = Path.cwd()
+    inside = {
+        key: path.relative_to(here) if path.is_relative_to(here) else path for key, path in paths.items()
+    }
+    return advice.format(**{key: shlex.quote(path.as_posix()) for key, path in inside.items()})
 
 
 def _relative_width(value: Headline) -> float:
@@ -156,7 +131,7 @@ def _basis(data: ReportData, cause: str) -> str:
 def _more(data: ReportData, worst: Headline) -> str:
     if data.study.protocol is None:
         return "measure another kind of test"
-    return f"rank further presses: `palpate next runs/{data.study.name} --for {worst.name}`"
+    return typed(f"rank further presses: `palpate next {{run}} --for {worst.name}`", data)
 
 
 def _is_scatter(data: ReportData) -> bool:

@@ -114,6 +114,8 @@ class ReportData:
 
     Parameters
     ----------
+    folder : Path
+        Run directory, which commands on the page name.
     channels : mapping of name to Channel
         Axes and labels.
     scores, selection, generalisation : DataFrame
@@ -160,6 +162,7 @@ class ReportData:
     """
 
     study: Study
+    folder: Path
     channels: Mapping[str, Channel]
     measured: Mapping[str, Response]
     design: Design

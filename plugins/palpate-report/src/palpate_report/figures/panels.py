@@ -10,7 +10,7 @@ from matplotlib.figure import Figure
 
 from palpate.api import Indentation, SurfaceStates, convert
 from palpate.api.fit import RISE
-from palpate_report.answer.next_step import CAUSES, cause_name
+from palpate_report.answer.next_step import COLOURS, cause_name
 from palpate_report.data.report_data import CONTACT, ReportData
 from palpate_report.figures.limb_drawing import draw_limb, from_the_side, legend_of
 from palpate_report.figures.limb_view import ViewPart, limb_view
@@ -33,29 +33,10 @@ MOST_TRIANGLES = 8000
 """Triangles of a limb that is drawn for print."""
 
 
-COLOURS = (
-    *("#808890", "#d55e00", "#0072b2", "#40d0c8", "#a6761d", "#4d5560", "#cc79a7"),
-    *(
-        "#009e73",
-        "#e0b000",
-        "#56b4e9",
-        "#7b52ab",
-        "#9ab82c",
-        "#1b2a6b",
-        "#f0a0a0",
-        "#2f5f2f",
-        "#8b1a1a",
-        "#7f7f00",
-    ),
-)
-"""Of the causes, in the order of ``CAUSES``."""
-
-
 def colour_of(name: str) -> str:
     """Colour of a cause, or of another share: the same for a name in every bar."""
-    known = list(CAUSES.values())
-    if name in known:
-        return COLOURS[known.index(name)]
+    if name in COLOURS:
+        return COLOURS[name]
     hue = zlib.crc32(name.encode("utf-8", "replace")) % 360 / 360.0
     return "#" + "".join(f"{round(255.0 * part):02x}" for part in colorsys.hls_to_rgb(hue, 0.55, 0.4))
 

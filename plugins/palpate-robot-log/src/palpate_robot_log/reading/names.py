@@ -12,11 +12,14 @@ from typing import NamedTuple
 
 import numpy as np
 
+from palpate.api import FloatArray
 from palpate.api.files import BASE_UNITS, Column, Kind, factors_of, kind_of, plain_letters, unit_in
 
 _WORD = re.compile(
     r"[A-Z]+(?![a-z])|[A-Z]?[a-z]+|\d+|[\u0370-\u04ff]+|[\u3040-\u30ff\u4e00-\u9fff\uac00-\ud7a3]+"
 )
+_CONVERSION, _COARSEST = 1e-4, 0.1
+"""Relative error of a conversion, and largest share of a curve that its digits may leave open."""
 _COMPOUND = ("kraft", "weg", "zeit", "dehnung", "spannung", "tiefe", "winkel", "moment")
 """Ends of German compounds, which are read as these words."""
 _FIRST_FOREIGN = "\u0370"
@@ -82,6 +85,7 @@ def unit_of(role: str) -> str:
 class Rank(NamedTuple):
     """Order of the columns that may be a quantity: the least is the likeliest."""
 
+    is_elsewhere: bool  # at a joint, which may not be the tool
     unit: bool  # is one that is not known, or that no log has: it is asked about
     is_commanded: bool
     unlikeness: float  # less where words, unit or shape show the quantity
@@ -103,7 +107,7 @@ def rank_of(
     known = {*names}
     is_commanded = bool(WORDS["commanded"] & known) and score >= 1.0
     n_forms = len(WORDS["filtered"] & known) + bool(WORDS["aside"] & known)
-    return Rank(is_odd, is_commanded, -score, (n_forms, *of_words))
+    return Rank(bool(WORDS["elsewhere"] & known), is_odd, is_commanded, -score, (n_forms, *of_words))
 
 
 class Picked(NamedTuple):
@@ -123,28 +127,55 @@ class Picked(NamedTuple):
 
 
 def pick(columns: Sequence[Column], role: str) -> Picked | None:
-    """Plainest column of a role, or the only one with its unit; None where none is, or several are alike."""
-    ranked, kind = _ranked(columns, role), ROLES[role].kind
-    if not ranked:
-        alone = [
-            c
-            for c in columns
-            if factor_of(c, kind) is not None
-            and not (has_role(words_of(c.name), role) or WORDS["commanded"] & {*words_of(c.name)})
-        ]
-        if len(alone) != 1 or role in ("stretch", "strain"):
-            return None
-        remark = f"{alone[0].name} is taken for the {role}, by its unit alone"
-        return Picked(alone[0], factor_of(alone[0], kind), (remark,))
-    (best, _, column), *others = ranked
-    if others and others[0][0] == best:
+    """Plainest column of a role, or the only one with its unit; None where none is, or several differ."""
+    ranked, alike = _ranked(columns, role), _alike(columns, role)
+    if (column := _finest(alike, ROLES[role].kind)) is None:
         return None
-    remarks = []
-    if others:
-        remarks.append(f"{column.name} is taken for the {role}, and not {', '.join(o[1] for o in others)}")
-    if best.is_commanded:
+    others = [name for _, name, one in ranked if one not in alike]
+    taken, names = f"{column.name} is taken", " and ".join(one.name for one in alike)
+    remarks = [
+        *[f"{names} agree within their digits: {taken}"] * (len(alike) > 1),
+        *[f"{taken} for the {role}, and not {', '.join(others)}"] * bool(others),
+        *[f"{taken} for the {role}, by its unit alone"] * (not ranked),
+    ]
+    if ranked and ranked[0][0].is_commanded:
         remarks.append(f"{column.name} is commanded, not measured; use the measured {role}")
-    return Picked(column, factor_of(column, kind), tuple(remarks))
+    return Picked(column, factor_of(column, ROLES[role].kind), tuple(remarks))
+
+
+def _alike(columns: Sequence[Column], role: str) -> list[Column]:
+    """Columns that are the likeliest for a role; where no word shows it, by its unit alone."""
+    ranked, kind = _ranked(columns, role), ROLES[role].kind
+    if ranked or kind == "ratio":
+        return [column for rank, _, column in ranked if rank == ranked[0][0]]
+    named = [(c, words_of(c.name)) for c in columns if factor_of(c, kind) is not None]
+    free = [c for c, words in named if not (has_role(words, role) or WORDS["commanded"] & {*words})]
+    return [column for column in free if np.isfinite(column.values).any()]
+
+
+def _finest(columns: Sequence[Column], kind: Kind) -> Column | None:
+    """Best column of one quantity in several units, which agree within their digits; else None.
+
+    It is the one in the base unit, unless only the last digit of another explains how far they differ.
+    """
+    if len(columns) < 2 or len({words_of(column.name) for column in columns}) > 1:
+        return columns[0] if len(columns) == 1 else None
+    factors = np.array([factor_of(column, kind) or np.nan for column in columns])
+    values = factors[:, None] * [column.values for column in columns]
+    halves = factors * [_last_digit(column.values) for column in columns] / 2.0
+    largest = float(np.nanmax(np.abs(values), initial=0.0))
+    # NaN where a row, or a unit, lacks in one of them.
+    off = float(np.max(np.ptp(values, axis=0), initial=0.0)) - _CONVERSION * largest
+    if not (off <= halves.sum() < _COARSEST * largest):
+        return None
+    base = int(np.argmin(np.abs(np.log(factors))))
+    return columns[base if off <= np.delete(halves, base).max() else int(np.argmin(halves))]
+
+
+def _last_digit(values: FloatArray) -> float:
+    """Place of the last decimal digit of some numbers."""
+    known = values[np.isfinite(values)]
+    return next((10.0**-n for n in range(12) if np.array_equal(np.round(known, n), known)), 1e-12)
 
 
 def spread_of(columns: Sequence[Column], role: str) -> Picked | None:
@@ -157,10 +188,8 @@ def spread_of(columns: Sequence[Column], role: str) -> Picked | None:
 
 def rivals(columns: Sequence[Column], role: str) -> tuple[str, ...]:
     """Names of the columns that are as likely for a role; empty where one is the likeliest, or none is."""
-    ranked, kind = _ranked(columns, role), ROLES[role].kind
-    best = [name for rank, name, _ in ranked if rank == ranked[0][0]]
-    best = best or [one.name for one in columns if kind != "ratio" and factor_of(one, kind) is not None]
-    return tuple(best) if len(best) > 1 else ()
+    alike = _alike(columns, role)
+    return tuple(column.name for column in alike) if len(alike) > 1 else ()
 
 
 def _ranked(columns: Sequence[Column], role: str) -> list[tuple[Rank, str, Column]]:

@@ -98,6 +98,9 @@ def _unnamed(columns: Sequence[Column]) -> Proposal | None:
         return None
     if (specimen := _specimen(columns)) is not None:
         return specimen
+    unread = [c for c in columns if c.note and has_role(words_of(c.name)) and not np.isfinite(c.values).any()]
+    if unread:
+        return Proposal(questions=tuple(f"{column.name}: {column.note}" for column in unread))
     names = [column.name for column in columns]
     ask = f"{', '.join(names)}: which is the depth, and which the force? name them, with factors to mm and N"
     if (stress := pick(columns, "stress")) is not None:

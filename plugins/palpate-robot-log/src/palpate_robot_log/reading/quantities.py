@@ -173,6 +173,8 @@ def possible(group: Group, *, is_turned: bool, t_is_moment: bool) -> Iterator[tu
     n_columns, words = len(group.columns), {*group.words}
     is_named = any(words & (ROLES[each].vector | WORDS["pose"]) for each in QUANTITIES)
     of_motion = words & WORDS["motion"] - (WORDS["measured"] if is_named else _ANY)
+    if not is_named or group.is_indexed:
+        of_motion |= words & WORDS["elsewhere"]
     if of_motion or (group.is_indexed and WORDS["specimen"] & {*group.words[-1:]}):
         return
     if n_columns == 16:

@@ -98,6 +98,10 @@ def propose(log: RawLog) -> LogGuess:
 def _ranked(quantity: str, guesses: Iterable[Guess]) -> list[Guess]:
     """Guesses, the likeliest first: one that is commanded only where nothing clearly is measured."""
     order = sorted(guesses, key=lambda one: one.rank or ())
+    if order[0].rank and order[0].rank.is_elsewhere:
+        order[0] = order[0].with_check(
+            f"the {quantity}: its columns are of a joint, which may not be the tool"
+        )
     commanded = [one for one in order if one.is_commanded]
     if commanded and all(one.is_commanded or one.rank.unlikeness > -1.0 for one in order if one.rank):
         check = f"{quantity}: these columns are commanded, not measured; log the measured ones"
