@@ -315,6 +315,12 @@ def _curves() -> Mapping[str, Callable[[], Layout]]:
              *[f"{line},{line}" for line in rows(DEPTH, FORCE)], *[f",,{line}" for line in rows(8.1 + DEPTH, FORCE)]], "curve"),
         "tension by its preamble": lambda: made(
             ['"Type of Test","Tensile - Round"', "", "Time,Extension,Load", "(s),(mm),(N)", *rows(SECONDS, DEPTH, FORCE)], "question"),
+        "specimen by its sizes": lambda: made(
+            ['"Épaisseur éprouvette",1,"mm"', '"Largeur éprouvette",5.96,"mm"', '"L0 - course standard",25,"mm"', '"Opérateur",""',
+             '"Temps","Traverse absolue","Force standard","Course standard"', '"s","mm","N","mm"', *rows(SECONDS, DEPTH - 794.864, 20.0 + FORCE, DEPTH)],
+            "question", "txt", "latin-1"),
+        "absolute and relative way": lambda: made(
+            ["Time,Crosshead absolute,Standard force,Standard travel", "s,mm,N,mm", *rows(SECONDS, DEPTH - 755.377, FORCE, DEPTH)], "curve", "txt"),
         "bending by its preamble": lambda: made(
             ['"Maximum Load : Flexure extension at Maximum Load","1.5",mm', "", "Time,Extension,Load", "(s),(mm),(N)", *rows(SECONDS, DEPTH, FORCE)], "question"),
         "compression by its preamble": lambda: made(

@@ -134,10 +134,11 @@ def _unit_of(one: Picked, role: str) -> tuple[str, str]:
 
 
 def _stated(log: RawLog) -> str:
-    """Test other than a press that the text above the names states; empty where it states none."""
+    """Test other than a press that the text above the names states, also by two sizes of a specimen."""
     words = {*words_of(log.preamble)}
     tests = [] if words & (WORDS["compressive"] | WORDS["press"]) else ["tensile_test", "bending_test"]
-    return next((test for test in tests if words & WORDS[test]), "")
+    by_sizes = "".join(tests[: len(words & WORDS["sizes"]) > 1])
+    return next((test for test in tests if words & WORDS[test]), by_sizes)
 
 
 def _curves(columns: Sequence[Column], stated: str) -> Proposal | None:

@@ -321,5 +321,4 @@ def _value(one: Guess, guess: LogGuess, time: Guess | None) -> object:
 
 def is_machine(guess: LogGuess) -> bool:
     """Whether a guess is for a testing machine, whose tool moves along an axis and turns about it."""
-    position = guess.guesses.get("position")
-    return position is not None and len(position.names) < 3
+    return "position" in guess.guesses and len(guess.guesses["position"].names) < 3
