@@ -292,7 +292,7 @@ def test_a_run_ends_with_its_lines_after_the_tables_that_are_asked_for(call: Cal
         assert whats
         assert re.sub(r" \[[a-z-]+\]", "", said["Warnings"]).endswith(f": {'; '.join(whats)}")
         assert said["Warnings"].startswith(str(len(whats)))
-        assert re.search(r"Simulations: \d+, of these \d+ of the fit\.", said["Time"])
+        assert re.search(r"\d+ simulations, of which \d+ by the fit\.", said["Time"])
         assert said["Page"] == Path("runs/toy/report/index.html").resolve().as_uri()
     assert "distance to truth" in whole.out
     assert len(plain.out.splitlines()) == len(LABELS)

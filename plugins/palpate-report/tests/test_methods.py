@@ -31,7 +31,7 @@ def test_the_paragraph_has_the_settings_of_the_press(content, friction, depth):
     for part in (f"coefficient of {friction:g}", f"{depth:g} mm along", "−20° to 15°", "radius 6.5 mm"):
         assert part in text
     for parameter in data.searched.values():
-        assert f"{parameter.name} from {parameter.lower:.4g} to {parameter.upper:.4g}" in text
+        assert f"{parameter.name} {parameter.lower:.4g} to {parameter.upper:.4g}" in text
     assert f"{data.design.n_sets} parameter sets" in text
     assert "No parameters can be read from this run." in text
 

@@ -81,7 +81,7 @@ def test_the_joint_fit_leads_and_those_of_spots_replace_the_sweeps_sets(content)
     assert "initial shear modulus" in found.lead
     assert found.spent in found.sentences
     n_runs = made.fit.table.unique(["fit", "scenario"])["n_runs"].sum()
-    assert found.spent == f"Simulations: {made.n_simulations}, of these {n_runs} of the fit."
+    assert found.spent == f"{made.n_simulations} simulations, of which {n_runs} by the fit."
 
 
 def test_a_fit_of_some_spots_alone_stands_beside_sets_of_the_sweep(content):
@@ -115,7 +115,7 @@ def test_a_fit_that_ends_at_a_bound_or_is_not_settled_is_named(content):
     unsettled = ended(message=f"converged; {UNSETTLED}")
     assert about(unsettled, "has not settled").startswith("all spots, scenario I; p1, scenario I; ")
     assert about(unsettled, "Not every search") is None
-    assert " of the fit and 18 of finer meshes." in conclusion(unsettled).spent
+    assert " by the fit and 18 on finer meshes." in conclusion(unsettled).spent
     unseen = ended(message=f"converged; {UNSEEN} depends on soft_tissue.grip")
     why = about(unseen, "that the curves do not decide")
     assert why.startswith("all spots, scenario I: no curve depends on soft_tissue.grip; ")

@@ -10,7 +10,7 @@ from palpate.api import Channel, Progress, Response, Run, Stage, StudyError, Sum
 from palpate.api.cli import Closed, IntervalOutput, Row
 from palpate.api.fit import ALL_SPOTS, Case, mark_of
 from palpate.api.runs import Files, Study, described
-from palpate_report.answer.result import Report
+from palpate_report.answer.result import Report, equation
 from palpate_report.data.display_units import in_display_units
 from palpate_report.data.marks import in_words
 from palpate_report.data.table_files import shown
@@ -68,9 +68,10 @@ class ReportStage(Stage[ReportSettings]):
 
     def show_so_far(self, inputs: Run, first: Case | None = None) -> None:
         """Write the page of what was found so far, and report the values of a first answer."""
-        lines = show_so_far(inputs).conclusion.lines(inputs.study)
+        found = show_so_far(inputs).conclusion
         if first is not None:
-            inputs.progress.note(f"first answer: {lines.get('Parameters') or lines['Conclusion']}")
+            values = ", ".join(map(equation, found.estimates)) or found.headline
+            inputs.progress.note(f"first answer: {values}; its intervals follow, and it may still change")
 
     def summarise(self, inputs: Run) -> Summary:
         """Summary of the report that was just written."""

@@ -7,7 +7,7 @@ from palpate.api import Indentation, convert
 from palpate.api.runs import FINE
 from palpate_report.answer.law import law_name
 from palpate_report.answer.model_verdict import NO_PARAMETERS
-from palpate_report.answer.next_step import CAUSES
+from palpate_report.answer.next_step import cause_name
 from palpate_report.data.marks import Headline, in_words, with_minus, with_unit
 from palpate_report.data.report_data import ReportData
 
@@ -88,13 +88,12 @@ def _materials(data: ReportData) -> Iterator[str]:
         fixed = ", ".join(values)
         tied = ", ".join(region.tied)
         yield (
-            f"The {in_words(region.region)} had the law {law_name(region.material)} ({region.convention})"
+            f"The {in_words(region.region)} was modelled as {law_name(region.material)} "
+            f"({region.convention} coefficients)"
             f"{f', with {fixed} fixed' if fixed else ''}{f', {tied} tied' if tied else ''}."
         )
-    ranges = (
-        with_unit(f"{p.name} from {p.lower:.4g} to {p.upper:.4g}", p.unit) for p in data.searched.values()
-    )
-    yield f"Searched were {', '.join(ranges)}."
+    ranges = (with_unit(f"{p.name} {p.lower:.4g} to {p.upper:.4g}", p.unit) for p in data.searched.values())
+    yield f"The search ranges were {', '.join(ranges)}."
 
 
 def _shown(data: ReportData, value: float, unit: str) -> str:
@@ -138,6 +137,6 @@ def _intervals(data: ReportData, not_included: Sequence[str]) -> Iterator[str]:
     if budget.is_empty():
         return
     causes = budget.filter(status="included")["cause"].unique(maintain_order=True)
-    listed = ", ".join(CAUSES.get(cause, cause) for cause in causes)
+    listed = ", ".join(cause_name(data, cause) for cause in causes)
     missing = f", and not {', '.join(not_included)}" if not_included else ""
     yield f"The 95 % intervals include {listed}{missing}."

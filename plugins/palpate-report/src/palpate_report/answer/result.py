@@ -15,7 +15,7 @@ from palpate_report.answer.failed_checks import apparent, left_out
 from palpate_report.answer.headline import between_spots, holds_truth, missed_truth
 from palpate_report.answer.methods import methods
 from palpate_report.answer.model_verdict import ModelVerdict, least_r2, model_verdict
-from palpate_report.answer.next_step import next_step
+from palpate_report.answer.next_step import CAUSES, next_step
 from palpate_report.answer.warnings import report_warnings, warn
 from palpate_report.data.best import Best
 from palpate_report.data.marks import Headline, in_words, with_unit
@@ -201,7 +201,7 @@ def _not_included(data: ReportData) -> Iterator[str]:
         known = data.table("budget")
         counted = set(known["cause"]) if known.height else set()
         anatomy = ("bone", "layers", "position") if len(study.space.regions) > 1 else ("bone", "position")
-        yield from (name for name in anatomy if name not in counted)
+        yield from (CAUSES[name] for name in anatomy if name not in counted)
     if data.fit.intervals.is_empty():
         return
     searched = {ParameterName.parse(name).shared for name in data.fit.intervals["parameter"]}
@@ -236,7 +236,7 @@ def _lead(data: ReportData) -> tuple[str, list[str], str]:
     """Fit that leads, its values, and how well it fits; empty where there is nothing."""
     where, best = data.together, data.lead
     if best is not None:
-        values = [_equation(each) for each in (*best.values, *best.moduli)]
+        values = [equation(each) for each in (*best.values, *best.moduli)]
         of = f"At {where}" if where != ALL_SPOTS else f"One material for all {len(data.spots)} spots"
         fopt = f"{'mean ' if where == ALL_SPOTS else ''}Fopt {best.fopt:.2g}{_least(best)}"
         if data.spots_differ(best.scenario):
@@ -252,13 +252,14 @@ def _lead(data: ReportData) -> tuple[str, list[str], str]:
     found = data.completeness
     of = "" if found.is_complete else f", of {found.n_everywhere} sets simulated at each"
     values = [
-        _equation(Headline(parameter=p.name, unit=p.unit, value=row[name])) for name, p in data.brief.items()
+        equation(Headline(parameter=p.name, unit=p.unit, value=row[name])) for name, p in data.brief.items()
     ]
     quality = f"mean Fopt {row['fopt_mean']:.2g}{spread} (scenario {row['scenario']})"
     return f"One set for all {len(data.spots)} spots{of}", [f"set {row['set_id']}", *values], quality
 
 
-def _equation(value: Headline) -> str:
+def equation(value: Headline) -> str:
+    """Value of a parameter as an equation, with its unit."""
     return (
         f"{value.parameter} {'by spot' if value.value is None else f'= {with_unit(value.text, value.unit)}'}"
     )
@@ -276,11 +277,11 @@ def _spent(data: ReportData) -> str:
     if data.fit.table.is_empty():
         return ""
     if data.unfinished:
-        return f"Simulations: {data.n_simulations} so far."
+        return f"{data.n_simulations} simulations so far."
     fits = data.fit.table.unique(["fit", "scenario"])
-    fine = f" and {n_fine} of finer meshes" if (n_fine := fits["n_fine"].sum()) else ""
-    every = f"{data.n_simulations}, of these " if data.n_simulations else ""
-    return f"Simulations: {every}{fits['n_runs'].sum()} of the fit{fine}."
+    fine = f" and {n_fine} on finer meshes" if (n_fine := fits["n_fine"].sum()) else ""
+    every = f"{data.n_simulations} simulations, of which " if data.n_simulations else "Simulations: "
+    return f"{every}{fits['n_runs'].sum()} by the fit{fine}."
 
 
 def _identified(data: ReportData, found: Sequence[Headline]) -> Iterator[str]:

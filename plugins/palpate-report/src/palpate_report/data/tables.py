@@ -232,9 +232,9 @@ def finding(tables: Mapping[str, pl.DataFrame], scenarios: Collection[str] | Non
     if worst["times"] <= 1.0 or worst["nmse"] < EXACT:
         return ""
     channel = in_words(worst["unfitted"])
-    against = f"{worst['nmse_fitted']:.3g} of a fit to {channel}"
+    against = f"{worst['nmse_fitted']:.3g} by a fit to {channel}"
     if worst["nmse_fitted"] < EXACT:
-        against = f"none of a fit to {channel}"
+        against = f"about 0 by a fit to {channel}"
     r2 = "" if worst["r2"] is None else f", R² {worst['r2']:.3f}"
     return (
         f"Misfit of the channels left out of the fit: a fit to {worst['fitted_to']} alone predicts {channel} "

@@ -292,7 +292,7 @@ def _tables(log: RawLog, streams: Sequence[Mapping[str, Any]]) -> tuple[Inspecte
         for column in stream["columns"]:
             role, ends = column["taken_for"] or "", (column["least"], column["largest"])
             unit = column["unit"] or ("–" if role == "orientation" else "?")
-            numbers = ("–" if number is None else f"{number:.6g}" for number in ends)
+            numbers = ("–" if number is None else f"{number:.4g}" for number in ends)
             columns.append(
                 (name, column["name"], unit, *numbers, str(column["n_missing"]), role, column["note"])
             )

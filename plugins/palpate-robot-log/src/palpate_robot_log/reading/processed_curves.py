@@ -49,7 +49,7 @@ def spans_of(curves: Mapping[str, Curve]) -> str:
     spans = []
     for name, curve in curves.items():
         along, of = (
-            f"{values.min():.6g} to {values.max():.6g} {'' if unit == '1' else unit}".rstrip()
+            f"{values.min():.4g} to {values.max():.4g} {'' if unit == '1' else unit}".rstrip()
             for values, unit in zip((curve.abscissa, curve.ordinate), units_of(name), strict=True)
         )
         spans.append(f"{name} {of} over {along} in {curve.abscissa.size} rows")
@@ -253,7 +253,7 @@ def _placed(depth: Picked, force: Picked) -> tuple[dict[str, Any], list[str]]:
     if abs(x[-1] - x[farthest]) > _AT_REST * np.ptp(x) and farthest < x.size - 1:
         settings["rows"] = "loading"
         remarks.append(
-            f"{depth.column.name} has a way back: the last rows up to {x[farthest]:.6g} are kept; to use "
+            f"{depth.column.name} has a way back: the last rows up to {x[farthest]:.4g} are kept; to use "
             'all, remove rows = "loading" and give [protocol] the way back'
         )
     return settings, remarks
