@@ -335,7 +335,10 @@ def test_the_card_lists_what_no_interval_includes(fitted, monkeypatch):
     assert said(data)["Left out"] == "errors of depth of the bone, position of the spots"
     (region,) = study.space.regions
     layered = replace(study.space, regions=(region, replace(region, region="skin")))
-    assert make_conclusion(replace(data, study=replace(study, space=layered)), {}).not_included[1] == "layers"
+    assert (
+        make_conclusion(replace(data, study=replace(study, space=layered)), {}).not_included[1]
+        == "thickness of the layers"
+    )
     budget = study.budget.model_copy(update={"friction": 0.0, "parameters": {"soft_tissue.bulk": 0.0}})
     stated = replace(data, study=replace(study, budget=budget))
     assert make_conclusion(stated, {}).not_included[2:] == (

@@ -93,10 +93,10 @@ def test_a_partial_fit_is_held_against_the_channels_that_it_has_not_seen(content
     assert (
         f"({worst['spot']}, scenario {worst['scenario']}: NMSE {worst['nmse']:.3g} against about 0" in message
     )
-    assert message.endswith(f"of a fit to {worst['unfitted']}, R² {worst['r2']:.3f}).")
+    assert message.endswith(f"by a fit to {worst['unfitted']}, R² {worst['r2']:.3f}).")
     sweep = table.filter(search="sweep")
     of_sweep = finding({"unfitted_channels": sweep})
-    assert any(f" against {row['nmse_fitted']:.3g} of a fit to " in of_sweep for row in sweep.to_dicts())
+    assert any(f" against {row['nmse_fitted']:.3g} by a fit to " in of_sweep for row in sweep.to_dicts())
     assert finding(tables, ["I"]) == ""
     assert "scenario III" in finding(tables, ["I", "III"])
     both_exact = table.with_columns(nmse=pl.lit(0.0), nmse_fitted=pl.lit(0.0), times=pl.lit(float("inf")))

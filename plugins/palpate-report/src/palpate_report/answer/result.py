@@ -260,9 +260,8 @@ def _lead(data: ReportData) -> tuple[str, list[str], str]:
 
 def equation(value: Headline) -> str:
     """Value of a parameter as an equation, with its unit."""
-    return (
-        f"{value.parameter} {'by spot' if value.value is None else f'= {with_unit(value.text, value.unit)}'}"
-    )
+    shown = "by spot" if value.value is None else f"= {with_unit(value.text, value.unit)}"
+    return f"{value.parameter} {shown}"
 
 
 def _least(best: Best) -> str:
