@@ -18,7 +18,7 @@ ROOT = Path(__file__).parents[2]
 LONGEST_FILE = 500
 LONGEST_FUNCTION = 45
 MOST = {
-    "lines": 76_858,
+    "lines": 76_856,
     "lines of the core": 33_258,
     "classes": 655,
     "constants": 732,

@@ -2,8 +2,10 @@
 
 import json
 import tomllib
+from dataclasses import replace
 from pathlib import Path
 
+import meshio
 import numpy as np
 import pytest
 from matplotlib.image import imread
@@ -13,6 +15,7 @@ from palpate.cli.app import main
 from palpate.domain import Spot
 from palpate.errors import MeshError
 from palpate.mesh.specimens import block
+from palpate.mesh.topology import outer_faces
 from palpate_limb.limb_files import write_limb
 
 ROOT = Path(__file__).parents[2]
@@ -83,6 +86,48 @@ def test_a_limb_in_metres_elsewhere_has_unit_and_spot(session: Session, tmp_path
     position = [float(x.removesuffix(" mm")) for x in tables["spot"][0]["position"]]
     np.testing.assert_allclose(position, [300.0, 0.0, 0.0], atol=1e-6)
     np.testing.assert_allclose(tables["spot"][0]["normal"], [-1.0, 0.0, 0.0], atol=1e-6)
+
+
+def test_the_spot_of_a_whole_limb_is_where_its_mesh_is_finest(session: Session, tmp_path: Path) -> None:
+    """A block, all of whose free faces are skin, crowded towards a spot that is not the origin."""
+    limb = block("tet4", n_across=6, n_down=3, grading=2.0)
+    around = np.setdiff1d(
+        np.unique(outer_faces("tet4", limb.mesh.cells["tet4"])), limb.mesh.node_sets["fixed"]
+    )
+    sets = {**limb.mesh.node_sets, "contact": around}
+    mesh = replace(limb.mesh, points_mm=limb.mesh.points_mm + np.array([0.0, 90.0, 0.0]), node_sets=sets)
+    write_limb(tmp_path / "m.vtu", replace(limb, mesh=mesh))
+    found = look_into_mesh(tmp_path / "m.vtu", session)
+    (spot,) = tomllib.loads(found.study_text)["spot"]
+    position = [float(x.removesuffix(" mm")) for x in spot["position"]]
+    np.testing.assert_allclose(position, [0.0, 90.0, 0.0], atol=1.0)
+    np.testing.assert_allclose(spot["normal"], [0.0, 0.0, 1.0], atol=1e-6)
+    assert any("correct position and normal if the tool pressed elsewhere" in each for each in found.findings)
+    assert "these tables do not read it" not in " ".join(found.findings)
+
+
+def test_a_bone_is_rigid_and_each_layer_has_a_modulus(session: Session, tmp_path: Path) -> None:
+    limb = block("hex8", n_across=4, n_down=3, layers_mm={"skin": 6.0, "fat": 6.0})
+    press = tmp_path / "press.csv"
+    write_limb(tmp_path / "m.vtu", replace(limb, mesh=replace(limb.mesh, regions=("skin", "fat", "Tibia"))))
+    read = meshio.read(tmp_path / "m.vtu")
+    labels = read.cell_data.pop("region")[0]
+    groups = {name: [np.flatnonzero(labels == k)] for k, name in enumerate(("skin", "fat", "Tibia"))}
+    sets = {name: np.flatnonzero(read.point_data.pop(name)) for name in ("fixed", "contact")}
+    read.cell_sets, read.point_sets = groups, sets
+    path = tmp_path / "m.inp"
+    read.write(path)
+    press.write_text("depth_mm,force_N\n0,0\n0.5,0.1\n1,0.2\n1.5,0.31\n2,0.43\n")
+    assert main(["init", str(tmp_path / "own"), "--measured", str(press), "--mesh", str(path)]) == 0
+    raw = tomllib.loads((tmp_path / "own" / "study.toml").read_text())
+    assert raw["limb"]["rigid"] == ["Tibia"]
+    assert set(raw["region"]) == {"skin", "fat"}
+    searched = {
+        name: [k for k, v in of["parameters"].items() if isinstance(v, dict)]
+        for name, of in raw["region"].items()
+    }
+    assert searched == {"skin": ["c1"], "fat": ["c1"]}
+    assert main(["check", str(tmp_path / "own")]) == 0
 
 
 def test_what_is_missing_is_a_finding(session: Session) -> None:

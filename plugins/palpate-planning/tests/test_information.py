@@ -150,7 +150,7 @@ def test_a_repeated_press_leaves_the_part_of_the_mesh_as_it_is(seed):
         return FisherInformation.of(scores @ slopes, {cause_name("mesh", ""): (scores @ added)[:, None]})
 
     once = information(correction.at(curve.ordinate))
-    again = information(correction_like(term, "force", curve).at(curve.ordinate))
+    again = information(correction_like(term, "force", curve.abscissa, curve.ordinate).at(curve.ordinate))
     expected, found = once.covariance(1e6), (once + again).covariance(1e6)  # no prior
     sizes = np.sqrt(np.diag(expected))
     assert np.abs(found - expected).max() <= 1e-3 * np.outer(sizes, sizes).max()

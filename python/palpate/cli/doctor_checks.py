@@ -99,7 +99,8 @@ def _machine(folder: Path) -> Iterator[Finding]:
     memory_MB = free_memory()
     if memory_MB is not None:
         yield _room("free memory", memory_MB, "ask for fewer workers (solver.n_workers) or a smaller mesh")
-    place = _existing(folder)
+    # Unlike Path.is_dir this is False, and raises nothing, where the folder may not be looked into.
+    place = next(place for place in (folder, *folder.resolve().parents) if os.path.isdir(place))
     if not os.access(place, os.W_OK):
         advice = "make the folder writable, or keep runs elsewhere (--out FOLDER)"
         yield Finding("machine", f"runs in {folder}", f"{place} may not be written to", "wrong", advice)
@@ -113,8 +114,3 @@ def _room(what: str, free_MB: float, advice: str) -> Finding:
     if free_MB >= 2_000.0:
         return Finding("machine", what, found)
     return Finding("machine", what, found, "note", advice)
-
-
-def _existing(folder: Path) -> Path:
-    # Unlike Path.is_dir this is False, and raises nothing, where the folder may not be looked into.
-    return next(place for place in (folder, *folder.resolve().parents) if os.path.isdir(place))

@@ -6,9 +6,9 @@ from pathlib import Path
 
 import numpy as np
 
-from palpate.domain import FloatArray, Indentation, Parameter, Response, channel_of
+from palpate.domain import Indentation, Parameter, Response, channel_of
 from palpate.domain.channels import FORCE, TORQUE
-from palpate.domain.material import IsotropicMaterial, Material
+from palpate.domain.material import IsotropicMaterial
 from palpate.errors import PalpateError
 from palpate.experiment.curve_checks import check_sizes, hertz_N, secant_young_MPa
 from palpate.experiment.measured import read_first
@@ -27,8 +27,8 @@ MARK, HALF_SPACE = "   # CHANGE THIS: ", "   # around a half-space estimate of y
 def with_own_ranges(file: Path, plugins: Plugins, ready: str) -> bool:
     """Write motion, scenarios and ranges of a study by its measured curves; False where they cannot be read.
 
-    The modulus of the first region is searched, others keep their ratio to it, and shape parameters stay in
-    the middle of their ranges. What is copied from the ready study has a mark.
+    The first modulus of each region is searched, its others keep their ratio to it, and shape parameters stay
+    in the middle of their ranges. What is copied from the ready study has a mark.
     """
     text, borrowed = file.read_text(encoding="utf-8"), f"{MARK}copied from {ready}"
     try:
@@ -84,29 +84,32 @@ def _with_scenarios(text: str, study: Study, measured: Response) -> str:
 def _tables(study: Study, measured: Response) -> Iterator[tuple[str, str]]:
     """Text of the parameters of each region, its name first; nothing without an estimate."""
     space, protocol, unit = study.space, study.protocol, study.modulus_unit
-    first = next((p for p in space.parameters if p.kind == "modulus"), None)
-    if not isinstance(protocol, Indentation) or FORCE.name not in measured or first is None:
+    if not isinstance(protocol, Indentation) or FORCE.name not in measured:
         return
     middle = np.array([0.5 * (p.lower + p.upper) for p in space.parameters])
     thetas, every = space.thetas(middle), space.complete(dict(zip(space.names, middle, strict=True)))
-    of_first = next(r for r in space.regions if first.name in r.full_names.values())
-    young = _young_MPa(of_first.material, thetas[of_first.region])
     force = float(np.abs(measured[FORCE.name].ordinate).max())
-    estimate = every[first.name] * force / hertz_N(young, protocol) if young > 0.0 else 0.0
-    if not (np.isfinite(estimate) and estimate > 0.0):
-        return
+    # Layers differ from their mean, which the force shows, by more than one tissue from its estimate.
+    wide = WIDE if len(space.regions) == 1 else 2.0 * WIDE
     for region in space.regions:
+        if not isinstance(region.material, IsotropicMaterial):
+            continue  # it has directions
+        young = float(secant_young_MPa(region.material, thetas[region.region], np.array([1e-3]))[0])
+        names = [p.name for p in region.material.parameters if p.kind == "modulus"]
+        first = next((name for name in names if region.name_of(name) in space.names), None)
+        estimate = force / hertz_N(young, protocol) if young > 0.0 else 0.0
+        if first is None or not (np.isfinite(estimate) and estimate > 0.0):
+            continue
         lines = [f"[region.{region.region}.parameters]"]
         for p in region.material.parameters:
-            name, value = region.name_of(p.name), every[region.name_of(p.name)]
-            entry, source = f"{value:.4g}", first.name if region is not of_first else first.name.split(".")[1]
-            if name == first.name:
-                lower, upper = (
-                    f"{convert(f'{estimate * by} {p.unit}', unit):.3g} {unit}" for by in (1.0 / WIDE, WIDE)
-                )
+            value = every[region.name_of(p.name)]
+            entry = f"{value:.4g}"
+            if p.name == first:
+                ends = (f"{estimate * value * by} {p.unit}" for by in (1.0 / wide, wide))
+                lower, upper = (f"{convert(end, unit):.3g} {unit}" for end in ends)
                 entry = f'{{ lower = "{lower}", upper = "{upper}", scale = "log" }}{HALF_SPACE}'
             elif p.kind == "modulus":
-                entry = f'"{value / every[first.name]:.4g} * {source}"'
+                entry = f'"{value / every[region.name_of(first)]:.4g} * {first}"'
             elif p.unit:
                 entry = f'"{value:.4g} {p.unit}"'
             lines.append(f"{p.name} = {entry}")
@@ -147,13 +150,6 @@ def _quantity(value: float, parameter: Parameter, modulus_unit: str) -> str | fl
     unit = modulus_unit if parameter.kind == "modulus" else parameter.unit
     number = float(f"{convert(f'{value} {parameter.unit}', unit) if unit else value:.3g}")
     return f"{number:g} {unit}" if unit else number
-
-
-def _young_MPa(material: Material, theta: FloatArray) -> float:  # noqa: N802 -- the unit
-    """Initial Young's modulus; 0 of a material with directions."""
-    if not isinstance(material, IsotropicMaterial):
-        return 0.0
-    return float(secant_young_MPa(material, theta, np.array([1e-3]))[0])
 
 
 def _marked(text: str, mark: str) -> str:

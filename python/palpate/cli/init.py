@@ -7,7 +7,7 @@ import shutil
 import tomllib
 from collections.abc import Iterator, Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import TYPE_CHECKING, Annotated
 
 import typer
 
@@ -206,7 +206,8 @@ def own_study_text(
         *(
             (
                 "[spot]",
-                {"name": spot, "measured": _from(folder, file), "mesh": _from(folder, mesh), **_place(look)},
+                ({} if look is None else tomllib.loads(look.study_text)["spot"][0])
+                | {"name": spot, "mesh": _from(folder, mesh), "measured": _from(folder, file)},
             )
             for spot, file, mesh, look in zip(spots, measured, meshes, looks, strict=True)
         ),
@@ -242,21 +243,12 @@ def _look(session: Session, mesh: Path) -> "Inspection | None":
         return None
 
 
-def _place(look: "Inspection | None") -> dict[str, Any]:
-    """Position and normal of a spot where they are not the origin and +z."""
-    if look is None or look.limb is None:
-        return {}
-    position, normal = look.limb.spot.position_mm.tolist(), look.limb.spot.normal.tolist()
-    found: dict[str, Any] = {"position": [f"{x:.6g} mm" for x in position]} if any(position) else {}
-    return found | ({} if normal == [0.0, 0.0, 1.0] else {"normal": [round(x, 6) for x in normal]})
-
-
 def _of_mesh(blocks: list[str], look: "Inspection | None") -> list[str]:
     """Tables with the limb source that reads a mesh, and a material for each of its regions."""
     if look is None:
         return blocks
-    heads = [re.match(r"\[(\w+)(?:\.(\w+))?", block) for block in blocks]
-    tables = [(head[1], head[2]) if head else ("", None) for head in heads]
+    head = re.compile(r"\[(\w+)(?:\.(\w+))?").match
+    tables = [(found[1], found[2]) if (found := head(block)) else ("", None) for block in blocks]
     there = list(dict.fromkeys(name for table, name in tables if table == "region"))
     regions = there if look.limb is None else look.limb.mesh.regions
     limb = look.study_text[look.study_text.index("[limb]") :]

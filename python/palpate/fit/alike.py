@@ -15,44 +15,46 @@ def path_of(abscissa: FloatArray) -> FloatArray:
     return path
 
 
-def changed_like(change: FloatArray, of: Curve, ordinate: FloatArray, curve: Curve) -> FloatArray:
-    """Change of a curve like the known one of another: along the path and relative to its ordinates.
+def changed_like(
+    change: FloatArray, of: Curve, known: FloatArray, abscissa: FloatArray, ordinate: FloatArray
+) -> FloatArray:
+    """Change of a curve (n,) like the known one of another: along the path and relative to its ordinates.
 
     On a path of another shape it is the same share of every ordinate. A curve that is zero shows no change.
     """
-    if not (np.nansum(ordinate**2) > 0.0 and np.nansum(curve.ordinate**2) > 0.0):
-        return np.zeros_like(curve.ordinate)
-    at, known = (path / path[-1] for path in (path_of(curve.abscissa), path_of(of.abscissa)))
-    here, there = (each.abscissa / np.abs(each.abscissa).max() for each in (curve, of))
-    seen = np.isfinite(ordinate)
+    if not (np.nansum(known**2) > 0.0 and np.nansum(ordinate**2) > 0.0):
+        return np.zeros_like(ordinate)
+    at, at_known = (path / path[-1] for path in (path_of(abscissa), path_of(of.abscissa)))
+    here, there = (each / np.abs(each).max() for each in (abscissa, of.abscissa))
+    seen = np.isfinite(known)
     # Largest difference of two abscissae along their paths, of the largest, up to which they have one
     # shape.
-    if np.abs(np.interp(at, known, there) - here).max() > 0.05:
-        share = (change[seen] @ ordinate[seen]) / (ordinate[seen] @ ordinate[seen])
-        changed: FloatArray = share * curve.ordinate
+    if np.abs(np.interp(at, at_known, there) - here).max() > 0.05:
+        share = (change[seen] @ known[seen]) / (known[seen] @ known[seen])
+        changed: FloatArray = share * ordinate
     else:
-        size = np.sqrt(np.nanmean(curve.ordinate**2) / np.nanmean(ordinate**2))
-        changed = size * np.interp(at, known, change)
-    return np.where(np.isfinite(curve.ordinate), changed, 0.0)
+        size = np.sqrt(np.nanmean(ordinate**2) / np.nanmean(known**2))
+        changed = size * np.interp(at, at_known, change)
+    return np.where(np.isfinite(ordinate), changed, 0.0)
 
 
-def correction_like(like: SpotTerm, channel: str, curve: Curve) -> Correction:
-    """Correction of a curve, known of one like it: along the path and relative to its size.
+def correction_like(like: SpotTerm, channel: str, abscissa: FloatArray, ordinate: FloatArray) -> Correction:
+    """Correction of a curve (n,), known of one like it: along the path and relative to its size.
 
     Parameters
     ----------
     like : SpotTerm
         With a correction of the channel.
     channel : str
-    curve : Curve
-        On the coarse mesh; NaN where it does not reach a point, at which nothing is added.
+    abscissa, ordinate : (n,) arrays
+        Curve on the coarse mesh; NaN where it does not reach a point, at which nothing is added.
     """
     known, of = like.corrections[channel], like.measured[channel]
-    changed = functools.partial(changed_like, of=of, ordinate=known.coarse, curve=curve)
+    changed = functools.partial(changed_like, of=of, known=known.coarse, abscissa=abscissa, ordinate=ordinate)
     return replace(
         known,
         added=changed(known.added),
-        coarse=curve.ordinate,
+        coarse=ordinate,
         contact=None if known.contact is None else changed(known.contact),
         slopes={name: changed(slope) for name, slope in known.slopes.items()},
     )

@@ -33,11 +33,11 @@ def reported_fits(
     phases = weighed_phases(case.scenario for case, _ in cases)
     rows, curves = [], {}
     for case, at in cases:
+        found = []
         try:
-            found = [
-                (term, _ordinates(term, inputs, simulation))
-                for term, inputs, simulation in _at_values(case, at)
-            ]
+            for term, inputs, simulation in _at_values(case, at):
+                term.residuals(simulation, inputs)  # raises for a simulation without a rank
+                found.append((term, {name: term.values(simulation, inputs, name) for name in term.measured}))
         except NotRankedError as error:
             progress.note(
                 f"warning: {case.label}, scenario {case.scenario.name}: Fopt, R² and curves are of the least "
@@ -49,11 +49,6 @@ def reported_fits(
             rows.append(dict(zip(FIT_KEYS, key, strict=True)) | errors_at(term, values, phases))
             curves[key] = measured_like(term, values)
     return pl.DataFrame(rows, infer_schema_length=None), curves_of(curves)
-
-
-def _ordinates(term: SpotTerm, inputs: SpotInputs, simulation: Simulation) -> dict[str, FloatArray]:
-    term.residuals(simulation, inputs)  # raises for a simulation without a rank
-    return {name: term.values(simulation, inputs, name) for name in term.measured}
 
 
 def _at_values(case: Case, at: FloatArray) -> Iterator[tuple[SpotTerm, SpotInputs, Simulation]]:

@@ -342,7 +342,7 @@ class FitStage:
         known = replace(lender, corrections=self._fine[lender.spot][-1].corrections)
         shared = curves.keys() & known.corrections.keys()
         return {
-            name: correction_like(known, name, replace(term.measured[name], ordinate=curves[name]))
+            name: correction_like(known, name, term.measured[name].abscissa, curves[name])
             for name in sorted(shared)
         }
 

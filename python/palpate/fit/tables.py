@@ -117,20 +117,14 @@ def errors_at(
 ) -> dict[str, float | None]:
     """Fopt of ordinates (n,) at the measured points by channel, and NMSE and R² of each channel and phase."""
     names = [*values, *(name for name in phases if channel_of(name) in values)]
-    nmse = {name: _nmse(term, name, values[channel_of(name)]) for name in names}
-    found: dict[str, float | None] = {
-        "fopt": sum(weight * nmse[name] for name, weight in term.weights.items())
-    }
-    for name, error in nmse.items():
-        curve = term.measured[channel_of(name)]
-        r2 = 1.0 - error / relative_variance(curve, term.rules.score, name)
-        found |= {f"nmse_{name}": error, f"r2_{name}": r2 if np.isfinite(r2) else None}
-    return found
-
-
-def _nmse(term: SpotTerm, name: str, fitted: FloatArray) -> float:
-    used = np.isfinite(fitted) & term.counted(name)
-    return float((weighted(term.rules.score, term.measured[channel_of(name)], fitted, used, 1.0) ** 2).sum())
+    nmse, found = {}, dict[str, float | None]()
+    for name in names:
+        fitted, curve = values[channel_of(name)], term.measured[channel_of(name)]
+        used = np.isfinite(fitted) & term.counted(name)
+        nmse[name] = float((weighted(term.rules.score, curve, fitted, used, 1.0) ** 2).sum())
+        r2 = 1.0 - nmse[name] / relative_variance(curve, term.rules.score, name)
+        found |= {f"nmse_{name}": nmse[name], f"r2_{name}": r2 if np.isfinite(r2) else None}
+    return {"fopt": sum(weight * nmse[name] for name, weight in term.weights.items())} | found
 
 
 def measured_like(term: SpotTerm, values: Mapping[str, FloatArray]) -> Response:

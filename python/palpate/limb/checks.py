@@ -97,7 +97,8 @@ def check_limb(limb: Limb, regions: Sequence[str]) -> None:
     for problem in _array_problems(mesh):
         raise MeshError(problem)
     for region in sorted(mesh.used_regions - set(regions)):
-        raise MeshError(f"mesh: region '{region}' has no material (given: {', '.join(regions)}); give it one")
+        what = f"mesh: region '{region}' has no material (given: {', '.join(regions)})"
+        raise MeshError(f'{what}; give it one, or for bone write rigid = ["{region}"] under [limb]')
     _check_node_sets(mesh)
     _check_elements(mesh)
     _check_edges(mesh)

@@ -8,6 +8,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+import scipy
 
 from palpate.domain import FloatArray, Limb, Spot
 from palpate.errors import MeshError
@@ -60,26 +61,29 @@ def inspected(
     findings: Sequence[str],
 ) -> Inspection:
     """Inspection of a mesh file with the settings that a source proposes, after reading it with them."""
-    found, limb, shown = dict.fromkeys(findings), None, list(tables)
+    found, limb, shown, rigid = dict.fromkeys(findings), None, list(tables), list[str]()
     if supports:
         rows = [(each.name, " ".join(each.axes), str(len(each.nodes))) for each in supports]
         shown.append(
             InspectedTable(title="Supports", columns=("condition", "axes", "nodes"), rows=tuple(rows))
         )
     try:
-        limb = tidied(source(source.Settings.model_validate(settings)).load(path, Spot(name=path.stem)))
-        limb = placed(limb)
+        limb = source(source.Settings.model_validate(settings)).load(path, Spot(name=path.stem))
+        bone = re.compile("(?i)bone|femur|tibia|fibula|humer|radius|ulna|patella|skull|vertebra")
+        limb = placed(tidied(limb, rigid=(rigid := list(filter(bone.search, limb.mesh.regions)))))
+        if limb.spot.position_mm.any():
+            where = "the origin is not on the skin, so the spot is where the skin's nodes are densest"
+            found[f"{where}; correct position and normal if the tool pressed elsewhere"] = None
         check_limb(limb, limb.mesh.regions)
         found |= dict.fromkeys((*limb.remarks, *limb.warnings, *partly_fixed(limb.mesh)))
         shown.append(_sets(limb))
     except MeshError as error:
         found[f"these tables do not read it yet: {str(error).removeprefix(f'{path}: ')}"] = None
-    spot = None if limb is None else limb.spot
     shares = None if limb is None else surface_shares(limb.mesh)
     return Inspection(
         tables=tuple(shown),
         findings=tuple(found),
-        study_text=study_text(path, source.name, settings, spot),
+        study_text=study_text(path, source.name, settings, limb, rigid),
         record={
             "source": source.name,
             "settings": dict(settings),
@@ -94,26 +98,26 @@ def inspected(
 
 
 def placed(limb: Limb) -> Limb:
-    """Limb whose spot is the origin if that is on its skin, else the middle of the skin, with its normal."""
+    """Limb whose spot is the origin if that is on its skin, else where the skin's nodes are densest."""
     mesh = limb.mesh
     contact = mesh.node_sets.get("contact", np.empty(0, dtype=np.int64))
     if not contact.size:
         return limb
-    points = mesh.points_mm[contact]
-    extent = float(np.ptp(mesh.points_mm, axis=0).max())
-    origin = bool(np.linalg.norm(points, axis=1).min() < 0.02 * extent)
-    middle = contact[np.linalg.norm(points - (0.0 if origin else points.mean(axis=0)), axis=1).argmin()]
-    normal = np.zeros(3)
+    points, extent = mesh.points_mm[contact], float(np.ptp(mesh.points_mm, axis=0).max())
+    tree, target = scipy.spatial.KDTree(points), np.zeros(3)
+    if tree.query(target)[0] >= 0.02 * extent:
+        # A mesh is finest under its indenter; of a uniform one this is the middle of the skin.
+        near = tree.query_ball_point(points, 0.1 * extent, return_length=True)
+        target = points[near >= 0.8 * near.max()].mean(axis=0)
+    middle, normal = contact[tree.query(target)[1]], np.zeros(3)
     for kind, cells in mesh.cells.items():
-        faces = outer_faces(kind, cells)[:, : CELLS[kind].n_face_corners]
-        here = mesh.points_mm[faces[(faces == middle).any(axis=1)]]
+        faces = outer_faces(kind, cells)
+        here = mesh.points_mm[faces[(faces == middle).any(axis=1), : CELLS[kind].n_face_corners]]
         if len(here):
             normal += np.cross(here[:, 1] - here[:, 0], here[:, -1] - here[:, 0]).sum(axis=0)
-    if not normal.any():
+    if not normal.any() or (not target.any() and normal[2] > 0.99 * np.linalg.norm(normal)):
         return limb
-    position = np.zeros(3) if origin else mesh.points_mm[middle]
-    if origin and normal[2] > 0.99 * np.linalg.norm(normal):
-        return limb
+    position = mesh.points_mm[middle] if target.any() else target
     return replace(limb, spot=Spot(name=limb.spot.name, position_mm=position, normal=normal))
 
 
@@ -127,20 +131,15 @@ def _sets(limb: Limb) -> InspectedTable:
     return InspectedTable(title="As these tables read it", columns=("what", "name", "size"), rows=tuple(rows))
 
 
-def study_text(path: Path, source: str, settings: Mapping[str, Any], spot: Spot | None) -> str:
+def study_text(path: Path, name: str, settings: Mapping[str, Any], limb: Limb | None, bone: list[str]) -> str:
     """Tables of study.toml that read a mesh; the spot's place if it is not the origin with the normal +z."""
     lines = ["[[spot]]", f"name = {json.dumps(path.stem)}", f"mesh = {json.dumps(path.as_posix())}"]
-    if spot is not None and (spot.position_mm.any() or (spot.normal != [0.0, 0.0, 1.0]).any()):
+    if limb and ((spot := limb.spot).position_mm.any() or (spot.normal != [0.0, 0.0, 1.0]).any()):
         lines += [
             f"position = {[f'{x:.6g} mm' for x in spot.position_mm]}".replace("'", '"'),
             f"normal = {np.round(spot.normal, 6).tolist()}",
         ]
-    return "\n".join([*lines, "", limb_text(source, settings)])
-
-
-def limb_text(source: str, settings: Mapping[str, Any]) -> str:
-    """Table [limb] of study.toml with its settings."""
-    lines = ["[limb]", f'source = "{source}"']
+    lines += ["", "[limb]", f'source = "{name}"', *([f"rigid = {toml_value(bone)}"] if bone else [])]
     if settings:
         lines += ["", "[limb.settings]", *(f"{key} = {toml_value(value)}" for key, value in settings.items())]
     return "\n".join([*lines, ""])

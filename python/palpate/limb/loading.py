@@ -43,7 +43,7 @@ def load_limbs(study: Study, *, to_show: bool = False) -> dict[str, Limb]:
     meshes = {spot.spot.name: spot.mesh for spot in study.spots if spot.mesh is not None}
     for region in study.space.regions:
         if isinstance(region.material, AnisotropicMaterial) and not region.material.fields:
-            check_frames(region, meshes, map(mesh_note, meshes.values()), one_frame=study.one_frame)
+            check_frames(region, meshes, map(mesh_note, meshes.values()), one_frame=study.meshes.one_frame)
     for spot in study.spots:
         if spot.mesh is None and not to_show:
             raise StudyError(
@@ -169,8 +169,8 @@ def _load(study: Study, spot: Spot, path: Path) -> Limb:
         limb = study.limb_source.load(path, spot)
         if not isinstance(limb, Limb):
             raise TypeError(f"it returned a {type(limb).__name__} and not a Limb")
-        limb = tidied(limb, linear=study.linear_tetrahedra)
     try:
+        limb = tidied(limb, linear=study.meshes.linear, rigid=study.meshes.rigid)
         check_limb(limb, [region.region for region in study.space.regions])
         if isinstance(protocol := study.protocol_at(spot.name), Indentation):
             check_depth(limb, protocol)
@@ -184,8 +184,8 @@ def _check_every_region(study: Study, limbs: Mapping[str, Limb]) -> None:
     for region in study.space.regions:
         if region.region not in used:
             raise MeshError(
-                f"region '{region.region}' has a material but no element in any mesh; correct its name "
-                f"(regions of the meshes: {', '.join(sorted(used))})"
+                f"region '{region.region}' has a material but no element that deforms in any mesh; correct "
+                f"its name (regions of the meshes: {', '.join(sorted(used))}), or remove its tables"
             )
 
 

@@ -1,10 +1,12 @@
 """Limbs as a source read them, made ready to simulate: what is harmless is changed, with a remark."""
 
+from collections.abc import Sequence
 from dataclasses import replace
 
 import numpy as np
 
 from palpate.domain import BoolArray, Limb, Mesh
+from palpate.errors import MeshError
 from palpate.mesh.midside_nodes import can_be_quadratic, quadratic
 from palpate.mesh.topology import CELLS
 
@@ -12,18 +14,23 @@ MIRRORED = {"tet4": (1, 0, 2, 3), "tet10": (1, 0, 2, 3, 4, 6, 5, 8, 7, 9), "hex8
 """Nodes of a mirrored element in the order that makes its volume positive."""
 
 
-def tidied(limb: Limb, *, linear: bool = False) -> Limb:
-    """Limb without nodes that no element has, its elements turned and its tetrahedra quadratic.
+def tidied(limb: Limb, *, linear: bool = False, rigid: Sequence[str] = ()) -> Limb:
+    """Limb without rigid regions and unused nodes, its elements turned and its tetrahedra quadratic.
 
     Parameters
     ----------
     linear : bool
         Four-node tetrahedra stay as they are.
+    rigid : sequence of str
+        Regions that do not deform: their nodes are fixed, and their elements left out.
     """
     mesh = limb.mesh
     if not _is_sound(mesh):
         return limb  # the checks name what is wrong
     remarks, warnings = list(limb.remarks), list(limb.warnings)
+    if rigid:
+        mesh = _without(mesh, rigid)
+        remarks.append(f"{', '.join(rigid)} rigid: their nodes are fixed, and their elements left out")
     used = np.zeros(mesh.n_nodes, dtype=np.bool_)
     for cells in mesh.cells.values():
         used[cells] = True
@@ -65,6 +72,25 @@ def _is_sound(mesh: Mesh) -> bool:
             for kind, cells in mesh.cells.items()
         )
         and all(not each.size or (each.min() >= 0 and each.max() < mesh.n_nodes) for each in indices)
+    )
+
+
+def _without(mesh: Mesh, rigid: Sequence[str]) -> Mesh:
+    """Mesh without the elements of some regions, all nodes of which are fixed."""
+    if unknown := sorted(set(rigid) - {*mesh.regions}):
+        what = f"mesh: no region '{unknown[0]}' (there: {', '.join(mesh.regions)})"
+        raise MeshError(f"{what}, which rigid under [limb] names; correct its name")
+    is_rigid = np.isin(mesh.regions, rigid)
+    soft = {kind: ~is_rigid[regions] for kind, regions in mesh.cell_regions.items()}
+    held = [cells[~soft[kind]].ravel() for kind, cells in mesh.cells.items()]
+    number = np.cumsum(~is_rigid) - 1
+    return replace(
+        mesh,
+        cells={kind: cells[soft[kind]] for kind, cells in mesh.cells.items()},
+        cell_regions={kind: number[regions[soft[kind]]] for kind, regions in mesh.cell_regions.items()},
+        regions=tuple(name for name in mesh.regions if name not in rigid),
+        node_sets={**mesh.node_sets, "fixed": np.union1d(mesh.node_sets["fixed"], np.concatenate(held))},
+        cell_fields={name: {k: v[soft[k]] for k, v in of.items()} for name, of in mesh.cell_fields.items()},
     )
 
 

@@ -179,6 +179,9 @@ class LimbTable(Table):
         description="Whether four-node tetrahedra stay as they are, although they lock in nearly "
         "incompressible tissue; else each edge gets a node in its middle.",
     )
+    rigid: list[str] = Field(
+        default=[], description="Regions that do not deform, such as bone: fixed, without a material."
+    )
 
 
 class PriorTable(Table):

@@ -34,7 +34,7 @@ from palpate.study.build import (
     check_budget,
     check_parametrisation,
 )
-from palpate.study.model import BudgetTable, ExecutorTable, StudyFile
+from palpate.study.model import BudgetTable, ExecutorTable, LimbTable, StudyFile
 from palpate.study.problems import ModelT, Problems
 from palpate.study.regions import build_space, build_truth, display_units
 from palpate.study.solver_checks import check_solver, check_times, named_protocols, relaxing_parts
@@ -75,10 +75,8 @@ class Study:
         Most memory that one simulation may take; 0: no limit.
     n_attempts : int
         Worker crashes tolerated per job.
-    one_frame : bool
-        Whether the meshes of all spots are in one frame.
-    linear_tetrahedra : bool
-        Whether four-node tetrahedra are simulated as they are.
+    meshes : LimbTable
+        Treatment of the meshes that the limb source reads.
     cache : Path, optional
         Folder of results shared with other studies.
     channels : mapping of name to Channel
@@ -127,8 +125,7 @@ class Study:
     executor: Executor | None = None
     memory_limit_MB: float = 0.0
     n_attempts: int = 2
-    one_frame: bool = False
-    linear_tetrahedra: bool = False
+    meshes: LimbTable = field(default_factory=lambda: LimbTable(source=""))
     cache: Path | None = None
     channels: Mapping[str, Channel] = field(
         default_factory=lambda: {channel.name: channel for channel in EQUILIBRIUM_CHANNELS}
@@ -411,8 +408,7 @@ def _build(context: Context, tables: StudyFile, need_measured: bool) -> Study:
         time_limit_s=tables.solver.time_limit,
         plugin_files=context.plugins.files,
         channels=dict(context.plugins.channels),
-        one_frame=tables.limb is not None and tables.limb.one_frame,
-        linear_tetrahedra=tables.limb is not None and tables.limb.linear,
+        meshes=tables.limb or LimbTable(source=""),
         noise=fit.noise,
         fine_runs=fit.fine_runs,
         fine_nodes=fit.fine_nodes,

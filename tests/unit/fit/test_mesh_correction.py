@@ -166,6 +166,23 @@ def test_the_first_spot_corrects_the_others_until_their_finer_meshes_are_simulat
     assert alone._fine.keys() == {"p2"}, "a spot without a finer mesh borrows none"
 
 
+def test_a_spot_pressed_deeper_than_its_protocol_borrows_a_correction(fit):
+    """The last measured point is beyond the simulated curve: nothing is added there."""
+    stage, (case, *_) = fit(spots=("p1", "p2"), fine=("p1", "p2"), fine_runs=1)
+    _, term = case.end.problem.terms
+    curves = {
+        name: np.where(np.arange(c.ordinate.size) < c.ordinate.size - 1, c.ordinate, np.nan)
+        for name, c in term.measured.curves.items()
+    }
+    stage._n_fine.clear()
+    borrowed = stage._borrowed(term, case.end, curves)
+    assert borrowed.keys() == curves.keys()
+    for correction in borrowed.values():
+        assert np.isfinite(correction.added).all()
+        assert correction.added[-1] == 0.0 != correction.added[-2]
+        assert np.isnan(correction.coarse[-1])
+
+
 def test_fits_of_spots_use_the_fine_runs_of_the_joint_one(fit):
     stage, cases = fit(spots=("p1", "p2"), fine=("p1", "p2"), noise=0.01)
     assert max(errors(case.values()).max() for case in cases) < 0.02
@@ -422,6 +439,6 @@ def test_a_fit_with_a_far_correction_is_fitted_with_the_near_one_that_is_known(f
 def test_a_curve_of_zeros_shows_no_change_of_another(zero, end):
     of = Curve(channel="force", abscissa=np.linspace(0.0, 1.0, 5), ordinate=np.ones(5))
     path = np.linspace(0.0, 1.0, 5) if end else np.array([0.0, 0.5, 1.0, 0.5, 0.0])
-    curve = replace(of, abscissa=path, ordinate=np.full(5, 0.0 if zero == "curve" else 1.0))
+    curve = np.full(5, 0.0 if zero == "curve" else 1.0)
     known = np.full(5, 0.0 if zero == "known" else 1.0)
-    assert changed_like(np.ones(5), of, known, curve).tolist() == [0.0] * 5
+    assert changed_like(np.ones(5), of, known, path, curve).tolist() == [0.0] * 5

@@ -16,6 +16,7 @@ from palpate.plugins.interfaces import LimbSource
 from palpate.plugins.provides import Provides
 from palpate.run.keys import limb_key
 from palpate.simulation.jobs import check_jobs
+from palpate.study.model import LimbTable
 
 Q = Rotation.from_euler("xyz", [40.0, -70.0, 25.0], degrees=True).as_matrix()
 SMALL = {"n_across": 2, "n_down": 1, "width_mm": 4.0, "height_mm": 3.0}
@@ -145,5 +146,5 @@ def test_a_study_declares_that_its_meshes_share_a_frame(make_study, tissue, tmp_
     study = replace(study, spots=spots, space=replace(study.space, regions=(region_of(Fibred()),)))
     with pytest.raises(StudyError, match="set one_frame = true under"):
         load_limbs(study)
-    assert len(load_limbs(replace(study, one_frame=True))) == 2
+    assert len(load_limbs(replace(study, meshes=LimbTable(source="", one_frame=True)))) == 2
     assert len(load_limbs(replace(study, spots=spots[:1]))) == 1

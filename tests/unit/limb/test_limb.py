@@ -340,7 +340,7 @@ def test_spots_of_different_anatomy_share_a_study(make_study, tissue, tmp_path):
         "spot 'p2' has no region muscle: its parameters change nothing there",
     ]
     with pytest.raises(
-        MeshError, match=r"region 'fat' has a material but no element in any mesh; .*: muscle\)"
+        MeshError, match=r"region 'fat' has a material but no element that deforms in any mesh; .*: muscle\)"
     ):
         load_limbs(replace(both, spots=spots[:1]))
 

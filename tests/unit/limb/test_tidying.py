@@ -5,6 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from palpate.errors import MeshError
 from palpate.limb.checks import check_limb
 from palpate.limb.tidying import MIRRORED, tidied
 from palpate.mesh.specimens import block
@@ -50,6 +51,26 @@ def test_nodes_without_element_are_left_out_of_the_sets_too():
     for name, nodes in limb.mesh.node_sets.items():
         np.testing.assert_array_equal(made.mesh.node_sets[name], nodes)
     assert made.remarks == ("1 nodes belong to no volume element and are left out",)
+
+
+@pytest.mark.parametrize("kind", ["hex8", "tet4", "tet10"])
+def test_a_rigid_region_is_fixed_and_has_no_elements(kind):
+    """A block on bone is the block alone whose lower face is fixed."""
+    limb = block(kind, n_across=2, n_down=3, layers_mm={"skin": 6.0, "fat": 6.0})
+    whole = mesh_of(limb, regions=("skin", "bone", "muscle"))
+    made = tidied(whole, rigid=["bone", "muscle"], linear=True)
+    check_limb(made, ["skin"])
+    assert made.mesh.regions == ("skin",)
+    (count,) = np.bincount(made.mesh.cell_regions[kind])
+    assert count == np.count_nonzero(limb.mesh.cell_regions[kind] == 0)
+    lowest = made.mesh.points_mm[:, 2] < -6.0 + 1e-9
+    assert lowest.any()
+    assert np.isin(np.flatnonzero(lowest), made.mesh.node_sets["fixed"]).all()
+    below = limb.mesh.points_mm[:, 2] < -6.0 - 1e-9
+    assert made.mesh.n_nodes == limb.mesh.n_nodes - np.count_nonzero(below)
+    assert made.remarks[0] == "bone, muscle rigid: their nodes are fixed, and their elements left out"
+    with pytest.raises(MeshError, match="no region 'bones'"):
+        tidied(whole, rigid=["bones"])
 
 
 def test_four_node_tetrahedra_become_the_quadratic_block():

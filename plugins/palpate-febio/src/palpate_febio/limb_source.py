@@ -106,7 +106,9 @@ class FebioDeckSource(LimbSource[FebioDeckSettings]):
         number = np.full(len(deck.points), -1)
         number[used] = np.arange(len(used))
         other = sorted({part.kind for part in deck.parts} & OTHER_SOLIDS.keys())
-        made = cut(deck.points, tuple((_meshio(p.kind), p.cells) for p in deck.parts)) if other else None
+        kinds = [OTHER_SOLIDS.get(p.kind) or CELLS[p.kind].meshio for p in deck.parts]
+        blocks = tuple((kind, p.cells) for kind, p in zip(kinds, deck.parts, strict=True))
+        made = cut(deck.points, blocks) if other else None
         fixed = self._fixed(path, deck, number >= 0)
         sets = {"fixed": fixed.nodes, "contact": self._contact(path, deck, fixed.nodes)}
         regions, unit_mm = self._regions(path, deck), convert(f"1 {self.settings.unit}", "mm")
@@ -188,11 +190,6 @@ def _elements(
         ids.setdefault("tet4" if made else part.kind, []).append(region)
     joined = ({kind: np.concatenate(blocks) for kind, blocks in of.items()} for of in (cells, ids))
     return next(joined), next(joined)
-
-
-def _meshio(kind: str) -> str:
-    """Name of meshio for a kind of FEBio."""
-    return OTHER_SOLIDS.get(kind) or CELLS[kind].meshio
 
 
 def _names(setting: str | list[str]) -> list[str]:

@@ -26,6 +26,11 @@ def inspect_mesh(path: Path, content: MeshFile, source: type[LimbSource[Any]]) -
         settings["unit"] = unit
     findings += [finding] if finding else []
     settings |= _regions(content)
+    if numbered := [name for name in settings.get("regions", {}) if name.startswith("region_")]:
+        findings.append(
+            f"regions are numbers alone in the file: rename {', '.join(numbered)} under regions, and name "
+            "bone as rigid under [limb]"
+        )
     sets = _node_sets(content, findings)
     if sets:
         settings["node_sets"] = sets

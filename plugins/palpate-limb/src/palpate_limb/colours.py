@@ -102,7 +102,8 @@ def _obj_rows(path: Path) -> tuple[FloatArray, FloatArray] | None:
     if table.shape[1] == 8:
         start = 4
     elif table.shape[1] == 7:
-        is_weight, is_opacity = (_is_full(table[:, k]) for k in (3, 6))
+        # Such a column is 1, or 255, throughout.
+        is_weight, is_opacity = ((c == c[0]).all() and c[0] in (1.0, 255.0) for c in table[:, (3, 6)].T)
         if is_weight and is_opacity:
             raise MeshError(
                 f"{path}: lines v have seven numbers, of which the fourth and the last are one number each; "
@@ -110,11 +111,6 @@ def _obj_rows(path: Path) -> tuple[FloatArray, FloatArray] | None:
             )
         start = 4 if is_weight else 3
     return table[:, :3], table[:, start : start + 3]
-
-
-def _is_full(column: FloatArray) -> bool:
-    """True if a column is 1, or 255, throughout."""
-    return bool((column == column[0]).all()) and float(column[0]) in (1.0, 255.0)
 
 
 def _off_rows(path: Path) -> tuple[FloatArray, FloatArray] | None:

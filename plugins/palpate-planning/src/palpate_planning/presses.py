@@ -320,8 +320,8 @@ def _restated(
             known = replace(known, corrections=run.corrections)
     stated = []
     for term, each in zip(terms, shown, strict=True):
-        shared = (name for name in known.corrections if name in term.measured.curves)
-        corrections = {name: correction_like(known, name, term.measured[name]) for name in shared}
+        curves = {name: each for name, each in term.measured.curves.items() if name in known.corrections}
+        corrections = {n: correction_like(known, n, of.abscissa, of.ordinate) for n, of in curves.items()}
         corrected = replace(term, corrections=corrections)
         stated.append(_Stated(bare.restated([corrected]), _peaks(design, each)))
     return stated
@@ -432,10 +432,13 @@ def _columns(
         return {
             (term.spot, name): {
                 cause: by_depth.get(cause, 1.0)
-                * changed_like(column, known := so_far.measured[name], known.ordinate, term.measured[name])
+                * changed_like(
+                    column, known := so_far.measured[name], known.ordinate, of.abscissa, of.ordinate
+                )
                 for cause, column in design.columns[term.spot, name].items()
             }
             for name in weighed
+            for of in [term.measured[name]]
         }
     fit = Fit(problem, evaluation.point, best=evaluation)
     columns, failures = columns_of(fit, _causes(design, problem), weighed, design.limbs)

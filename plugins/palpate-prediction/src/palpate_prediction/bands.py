@@ -167,6 +167,7 @@ def _exceeded(
     experiment: Mapping[str, Mapping[str, Any]], predicted: Mapping[str, Simulation]
 ) -> Iterator[dict[str, Any]]:
     for spot, simulation in predicted.items():
+        depths = None if simulation.surface is None else simulation.surface.depth_mm
         for region, found in simulation.diagnostics.get("strain", {}).items():
             known = [spots[region] for spots in experiment.values() if region in spots]
             for name in ENDS if known else ():
@@ -184,10 +185,6 @@ def _exceeded(
                     "experiment": sign * reached,
                     "prediction": float(sign * values.max()),
                     "beyond": bool(beyond.any()),
-                    "from_depth_mm": _depth(simulation, first) if beyond.any() else None,
+                    "from_depth_mm": float(depths[first]) if depths is not None and beyond.any() else None,
                     "where_mm": ", ".join(f"{x:.1f}" for x in place) if name == "i1_max" else "",
                 }
-
-
-def _depth(simulation: Simulation, state: int) -> float | None:
-    return None if simulation.surface is None else float(simulation.surface.depth_mm[state])
