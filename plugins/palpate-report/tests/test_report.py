@@ -21,6 +21,7 @@ from palpate.scoring.scores import score
 from palpate.scoring.selection import select
 from palpate.simulation.jobs import simulate
 from palpate_report.answer.headline import draws_of
+from palpate_report.answer.result import Report
 from palpate_report.data.report_data import ReportData
 from palpate_report.data.tables import finding, make_tables
 from palpate_report.figures import drawings
@@ -29,6 +30,7 @@ from palpate_report.figures.drawings import generalised, interval_plot, nmse_dis
 from palpate_report.figures.space import MOST_PAIRS, parameter_space
 from palpate_report.figures.style import STYLE, save
 from palpate_report.from_run import write_report
+from palpate_report.sections.sweep import OtherChannels
 
 
 @pytest.fixture
@@ -87,6 +89,10 @@ def test_a_partial_fit_is_held_against_the_channels_that_it_has_not_seen(content
     best = min(made.selection["nmse_force"][0], of_force["nmse_force"])
     assert (first["nmse"], first["nmse_fitted"]) == (of_torque["nmse_force"], best)
     assert first["times"] == first["nmse"] / best
+    result = OtherChannels().result(made, Report.of(made))
+    for channel in ("force", "torque"):
+        least = table[4:].filter(unfitted=channel)["r2"].min()
+        assert f"{channel} by {'torque' if channel == 'force' else 'force'}: R² {least:.4g} at p" in result
     worst = table[4:].sort("times", descending=True, maintain_order=True).row(0, named=True)
     message = finding(tables)
     assert f"a fit to {worst['fitted_to']} alone predicts {worst['unfitted']} less well" in message

@@ -199,13 +199,13 @@ def _unfinished(run: Run, *, runs_now: bool) -> str:
 
 
 def _simulated(folder: Path) -> dict[str, Any]:
-    """Number of simulations, with the day of the last and the time of all on one worker in words."""
+    """Number of simulations, with the day of the last and the processor time of the run in words."""
     with Ledger(folder) as ledger:
-        ended = ledger.frame().select("finished_at", "seconds")
+        ended = ledger.frame().select("finished_at")
     if ended.is_empty():
         return {}
     count = "1 simulation" if ended.height == 1 else f"{ended.height} simulations"
-    spent = f"{about(float(ended['seconds'].sum()))} of computing"
+    spent = f"{about(float(processor_time(folder)['processor_s'].sum()))} of processor time"
     return {"simulated": f"{max(ended['finished_at'])[:10]}: {count}, {spent}", "n_simulations": ended.height}
 
 

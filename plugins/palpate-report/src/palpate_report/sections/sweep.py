@@ -5,6 +5,7 @@ from itertools import combinations
 
 from palpate.api.report import Block, Drawing, Paragraph, Section, Table
 from palpate_report.answer.result import Report
+from palpate_report.data.marks import in_words
 from palpate_report.data.report_data import ReportData
 from palpate_report.data.tables import TITLES
 from palpate_report.figures.contours import contours
@@ -72,6 +73,17 @@ class OtherChannels(Section):
         if found := list(tables(report, "unfitted_channels", "cross_channel")):
             yield Paragraph("Prediction of one curve by a fit to another, such as torque by a fit to force.")
             yield from found
+
+    def result(self, data: ReportData, report: Report) -> str:
+        """Least R² of each channel in the fits that leave it out."""
+        if (rows := report.tables.get("unfitted_channels")) is None:
+            return ""
+        least = rows.filter(search=rows["search"][-1]).drop_nulls("r2").sort("r2")
+        least = least.unique("unfitted", keep="first", maintain_order=True).sort("unfitted")
+        return "; ".join(
+            f"{in_words(channel)} by {others}: R² {r2:.4g} at {spot} (the least)"
+            for channel, others, r2, spot in least.select("unfitted", "fitted_to", "r2", "spot").iter_rows()
+        )
 
 
 class Generalisation(Section):
