@@ -74,7 +74,7 @@ def test_decks_are_these(name, monkeypatch):
 @pytest.mark.slow
 def test_the_bytes_do_not_depend_on_the_run():
     code = (
-        "import sys; sys.path.insert(0, sys.argv[1]); import test_deck as t, hashlib; "
+        "import sys; sys.path.insert(0, sys.argv[1]); import decks as t, hashlib; "
         "print(hashlib.sha256(t.SOLVER.write_deck(t.job_of(), t.mixed_limb())).hexdigest())"
     )
     seen = set()

@@ -87,7 +87,9 @@ def _candidates(axis: Axes, shown: Sequence[ExpectedEffect], ranked: Sequence[Ex
         at = (1.03, place)
         axis.annotate(f"{each.goal:.2f}", at, xycoords=("axes fraction", "data"), va="center", fontsize=6.0)
     axis.axvline(1.0, color="0.6", linewidth=0.6)
-    axis.set_yticks(places, [_words(each) for each in shown], fontsize=6.0)
+    # With signs as in print.
+    words = [re.sub(r"-(?=\d)", "−", described(each.press.press).replace(" deg", "°")) for each in shown]
+    axis.set_yticks(places, words, fontsize=6.0)
     axis.tick_params(axis="y", length=0.0)
     axis.spines["left"].set_visible(False)
     low, high = min(*errors, 1.0), max(*errors, 1.0)
@@ -96,8 +98,3 @@ def _candidates(axis: Axes, shown: Sequence[ExpectedEffect], ranked: Sequence[Ex
     axis.set_xlim(low - room, high + room)
     axis.set_ylim(MOST_SHOWN - 0.5, -0.5)
     axis.locator_params(axis="x", nbins=3)
-
-
-def _words(each: ExpectedEffect) -> str:
-    """Press in the words of the study file, with signs as in print."""
-    return re.sub(r"-(?=\d)", "−", described(each.press.press).replace(" deg", "°"))
