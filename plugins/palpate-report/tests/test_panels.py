@@ -10,7 +10,8 @@ from palpate.fit.least_squares import LeastSquares
 from palpate.mesh.specimens import block
 from palpate_report.figures.drawings import generalised
 from palpate_report.figures.panels import budget_bars, causes, colour_of, limbs, pressed, pressures
-from palpate_report.figures.style import STYLE, symbol
+from palpate_report.figures.style import STYLE, save, sized, styled, symbol
+from palpate_report.settings import ReportSettings
 
 from .dimple import dimple
 
@@ -93,3 +94,11 @@ def test_panels_have_letters_and_no_grid(content):
         axes = generalised(content()).axes
         assert [axis.get_title(loc="left") for axis in axes] == ["a", "b", "c", "d"]
         assert not any(line.get_visible() for axis in axes for line in axis.get_xgridlines())
+
+
+def test_a_font_without_a_lowered_number_takes_it_from_another(tmp_path):
+    with styled(ReportSettings(font="STIXSizeOneSym")):  # comes with Matplotlib
+        figure = sized(80.0, 40.0)
+        figure.subplots().set_xlabel("c₁ (kPa)")
+        written = save(figure, tmp_path / "figure")  # a missing glyph would be a warning, an error here
+    assert "STIXSizeOneSym" in written[0].read_text()

@@ -33,7 +33,7 @@ STYLE: Mapping[str, Any] = MappingProxyType(
     {
         "figure.dpi": 300,
         "figure.constrained_layout.use": True,
-        "font.family": "sans-serif",
+        "font.family": ("sans-serif", "DejaVu Sans"),  # the second for a lowered number that the first lacks
         "font.sans-serif": FONTS,
         "font.size": 7.0,
         "axes.titlesize": 7.0,
