@@ -17,7 +17,7 @@ import io
 import json
 import sqlite3
 from collections import defaultdict, deque
-from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from concurrent.futures import Future, ThreadPoolExecutor
 from dataclasses import fields
 from datetime import UTC, datetime
@@ -145,8 +145,8 @@ class Ledger:
         LedgerError
             A row or a curve is not as it was written.
         """
-        found = {}
-        for keys in _parts(list(jobs)):
+        found, every = {}, list(jobs)
+        for keys in (every[begin : begin + 500] for begin in range(0, len(every), 500)):
             among = f"WHERE key IN ({_marks(len(keys))})"
             arrays: dict[str, _Arrays] = defaultdict(dict)  # damage can also change a key
             for key, channel, name, data in self._rows(f"SELECT * FROM arrays {among} ORDER BY rowid", keys):
@@ -352,10 +352,6 @@ def _digest(row: Sequence[object], arrays: _Arrays) -> str:
 
 def _marks(n: int) -> str:
     return ", ".join("?" * n)
-
-
-def _parts(keys: Sequence[str], n: int = 500) -> Iterable[Sequence[str]]:
-    return (keys[begin : begin + n] for begin in range(0, len(keys), n))
 
 
 # -------------------------------------------------------------------------- file

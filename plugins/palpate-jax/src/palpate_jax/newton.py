@@ -110,7 +110,8 @@ def _newton(
                 here.matrix(load),
                 partial(here.preconditioner, load),
                 -residual.free,
-                _forcing(residual.relative, tolerance),
+                # What keeps Newton's convergence and ends within tolerance.
+                float(np.clip(0.1 * residual.relative, 0.1 * tolerance / residual.relative, 0.03)),
             )
         except np.linalg.LinAlgError as error:
             return Balance(displacements, iteration, str(error))
@@ -121,11 +122,6 @@ def _newton(
     if residual.relative <= tolerance:
         return Balance(displacements, most, "")
     return Balance(displacements, most, f"no balance after {most} iterations")
-
-
-def _forcing(relative: float, tolerance: float) -> float:
-    """Accuracy of the linear solve that keeps Newton's convergence and ends within tolerance."""
-    return float(np.clip(0.1 * relative, 0.1 * tolerance / relative, 0.03))
 
 
 def _line_search(

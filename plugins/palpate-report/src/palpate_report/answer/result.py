@@ -51,10 +51,6 @@ def section_warnings(data: ReportData) -> Iterator[ReportWarning]:
             yield warn("failed-section", "A section of the report has failed", f"{error}.")
 
 
-def _coded(warning: ReportWarning) -> str:
-    return f"{warning.what} [{warning.code}]" if warning.code else warning.what
-
-
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Conclusion:
     """The first thing that a reader of the report sees.
@@ -136,7 +132,8 @@ class Conclusion:
             data += f"; {first}the run has not ended"
         found = "; ".join(map(str, (*self.estimates, *self.moduli)))
         worst = ", the worst first" if len(self.warnings) > 1 else ""
-        warned = f"{len(self.warnings)}{worst}: {'; '.join(map(_coded, self.warnings))}"
+        coded = (f"{each.what} [{each.code}]" if each.code else each.what for each in self.warnings)
+        warned = f"{len(self.warnings)}{worst}: {'; '.join(coded)}"
         return {
             "Conclusion": f"{study.name} ({data}): {self.headline or 'no set fits all spots'}",
             **({"Mesh": self.mesh} if self.mesh else {}),
