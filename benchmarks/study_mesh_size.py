@@ -46,7 +46,7 @@ def plan(ratio: float) -> MeshPlan:
     """Plan of a mesh with edges of this share of the radius at the edge of the contact."""
     made, share = ScanOptions(size=f"{ratio * RADIUS_MM} mm").mesh, ratio / DEFAULT_SIZE
     size = replace(made.size, coarse_mm=share * made.size.coarse_mm)
-    return replace(made, size=size, tolerance_mm=share**2 * made.tolerance_mm)
+    return replace(made, size=size, tolerance_mm=min(share, 1.0) ** 2 * made.tolerance_mm)
 
 
 def meshed(segment: Segment, ratio: float) -> tuple[Limb, Quality]:

@@ -153,8 +153,8 @@ def test_every_cause_in_words_is_answered(fitted):
 
 def test_a_mesh_that_leads_is_refined_by_the_setting_that_is_missing(fitted):
     first = because(pressed(fitted, fine_runs=0), "mesh")
-    assert said(first).endswith('; set `fine_runs = 1` and `fine_edge = "1.8 mm"` in `[fit]`')
-    for edge_mm, then in ((2.0, "1.4 mm"), (None, "1.3 mm")):
+    assert said(first).endswith('; set `fine_runs = 1` and `fine_edge = "1.7 mm"` in `[fit]`')
+    for edge_mm, then in ((2.0, "1.4 mm"), (None, "1.2 mm")):
         spots = tuple(replace(spot, fine_edge_mm=edge_mm) for spot in fitted.study.spots)
         finer = because(pressed(fitted, spots=spots, fine_runs=1), "mesh")
         assert said(finer).endswith(f'; set `fine_edge = "{then}"` in `[fit]`')

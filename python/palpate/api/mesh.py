@@ -22,6 +22,7 @@ if TYPE_CHECKING:
         surface_normals as surface_normals,
     )
     from palpate.mesh.refinement import (
+        EDGE_OVER_REACH as EDGE_OVER_REACH,
         automatic_edge_mm as automatic_edge_mm,
         refined as refined,
     )

@@ -20,8 +20,8 @@ from palpate.mesh.topology import CELLS
 MOST_CELLS = 300_000
 """Elements up to which a mesh is refined: more than a solver can take."""
 
-GROWTH = 1.0
-"""By how much longer an edge may be for each mm below the contact surface."""
+EDGE_OVER_REACH = 0.225
+"""Longest edge under an indenter over its reach, by default: torque within 0.8 % on a forearm's phantom."""
 
 _EDGES = CELLS["tet10"].edges
 _MIDDLE = {frozenset(edge): 4 + k for k, edge in enumerate(_EDGES)}
@@ -74,18 +74,15 @@ def automatic_edge_mm(limb: Limb, reach_mm: float, near_mm: float) -> float:
     """
     if limb.mesh.cells.keys() not in ({"tet4"}, {"tet10"}):
         return 0.0
-    # Longest edge under an indenter over its reach, at most, where none is named: the torque of the
-    # forearm's phantom is then within 1.8 % of its peak along the whole loop, and within 1.0 % once it is
-    # extrapolated. Nor is it longer than the mesh's mean edge: two meshes of nearly one size would not tell
-    # the error.
-    return min(0.24 * reach_mm, contact_edge_mm(limb, near_mm))
+    # Nor longer than the mesh's mean edge: two meshes of nearly one size would not tell the error.
+    return min(EDGE_OVER_REACH * reach_mm, contact_edge_mm(limb, near_mm))
 
 
 def refined(limb: Limb, near_mm: float, edge_mm: float, beyond_mm: float = 0.0) -> Limb:
     """Bisect edges until none near the spot is longer than asked for, at the contact surface.
 
-    Below it, and nearer to the spot than ``beyond_mm``, edges may be longer by :data:`GROWTH` times
-    their distance from there. A new node is in a node set if all nodes of its edge, or of its face, are.
+    Below it, and nearer to the spot than ``beyond_mm``, edges may be longer by their distance
+    from there. A new node is in a node set if all nodes of its edge, or of its face, are.
 
     Parameters
     ----------
@@ -173,7 +170,7 @@ def _too_long(
     )
     reached = np.linalg.norm(now.points[ends[wanted]] - spot_mm, axis=2).max(axis=1)
     away = np.maximum(depths.min(axis=1), beyond_mm - reached)
-    wanted[wanted] = squares[wanted] > (edge_mm + GROWTH * away) ** 2
+    wanted[wanted] = squares[wanted] > (edge_mm + away) ** 2
     return wanted
 
 

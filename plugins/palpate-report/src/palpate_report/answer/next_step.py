@@ -9,6 +9,7 @@ from types import MappingProxyType
 
 from palpate.api import Indentation
 from palpate.api.fit import Adequacy
+from palpate.api.mesh import EDGE_OVER_REACH
 from palpate_report.answer.failed_checks import failed_checks
 from palpate_report.data.marks import Headline, in_words
 from palpate_report.data.report_data import ReportData
@@ -149,8 +150,7 @@ def _finer(data: ReportData) -> str:
     if any(spot.fine_mesh for spot in study.spots) or not isinstance(study.protocol, Indentation):
         return "give finer meshes as `fine_mesh`"
     edges = [spot.fine_edge_mm for spot in study.spots]
-    # As a run refines by itself.
-    usual_mm = 0.24 * study.protocol.indenter.radius_mm
+    usual_mm = EDGE_OVER_REACH * study.protocol.indenter.radius_mm
     # None: refined as usual; 0: not refined. Each mesh has 0.7 times the edge of the last one.
     edge = 0.7 * min(each or usual_mm for each in edges) if any(each != 0.0 for each in edges) else usual_mm
     runs = "" if study.fine_runs else "`fine_runs = 1` and "
