@@ -45,7 +45,6 @@ from palpate_certainty.assumptions import ASSUMED
 from palpate_certainty.held_out import held_out, is_apart
 from palpate_certainty.mesh_error import SpotMesh, scattered_parts
 from palpate_certainty.posterior_sampling import PosteriorSampling
-from palpate_certainty.tables import certainty_tables
 from palpate_materials.neo_hookean import NeoHookean
 from palpate_materials.uncoupled import Ogden, Yeoh
 
@@ -296,10 +295,10 @@ def experiment(
             for spot in spots
         }
     stage = stage_of(study, measured)
-    cases = stage.run()
-    case = cases[0]
+    case = stage.run()[0]
     meshes = dict.fromkeys(spots, MESHES)
-    assessed = Assessment(study=study, measured=measured, meshes=meshes).assessed(cases, joint_only=True)[0]
+    certainty = Assessment(study=study, measured=measured, meshes=meshes)
+    assessed = certainty.assess(case, *certainty.columns(case))
     box = assessed.end.problem.box
     truth = (np.append(row, list(also.values())) - box.lower) / (box.upper - box.lower)
     found = {"failed": [check.name for check in assessed.checks if check.verdict is not Adequacy.DESCRIBES]}
@@ -310,7 +309,6 @@ def experiment(
     holds = np.append((low <= truth) & (truth <= high), assessed.density.holds(truth))
     found["all"] = np.where(wide, np.nan, holds)
     found["all wide"] = wide
-    found["between spots"] = certainty_tables([assessed], study)["between_spots"]
     if posterior:
         sampling = PosteriorSampling(study=study, design=stage.design, swept=())
         (drawn,) = sampling.run([case], [assessed]).posteriors

@@ -295,13 +295,6 @@ def test_the_mean_and_the_spread_of_spots_that_differ_are_in_their_intervals(n_s
     assert 0.88 < np.mean(spread) <= 1.0
 
 
-def test_spots_that_are_more_alike_than_their_errors_have_no_spread():
-    rows, jacobian = press(n_spots=4, n=12)
-    errors = {"errors": np.linalg.cholesky(errors_of(rows, 0.003, 0.005))}
-    found = differences(np.zeros(rows.spot.size), jacobian, errors, rows)
-    assert found.sd.tolist() == found.ends[:, 0].tolist() == [0.0, 0.0, 0.0]
-
-
 def test_averaged_neighbours_keep_size_and_place():
     rows, jacobian = press(n=100)
     groups = groups_of(rows)

@@ -2,7 +2,7 @@
 
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 from types import MappingProxyType
 from typing import Any, Self
 
@@ -21,9 +21,9 @@ from palpate.api import (
     Simulation,
 )
 from palpate.api.executors import StoppedError
-from palpate.api.fit import Adequacy, Case, Fit, channel_of, pieces
+from palpate.api.fit import Adequacy, Case, Fit, channel_of
 from palpate.api.runs import Study, relaxation_of
-from palpate_certainty.adequacy import Check, checks, closeness_of, is_beyond, misfits, shape_of
+from palpate_certainty.adequacy import Check, Closeness, checks, closeness_of, is_beyond, misfits, shape_of
 from palpate_certainty.assumptions import ASSUMED
 from palpate_certainty.error_sources import (
     MESH,
@@ -35,11 +35,11 @@ from palpate_certainty.error_sources import (
     mesh_errors,
 )
 from palpate_certainty.likeliest import likeliest
-from palpate_certainty.linear_problem import PRIORS, LinearProblem, around_own, errors_of, linearised
+from palpate_certainty.linear_problem import PRIORS, LinearProblem, ResidualErrors, errors_of, linearised
 from palpate_certainty.mesh_error import SpotMesh, is_stated
 from palpate_certainty.noise_model import ResidualLayout, layout_of
 from palpate_certainty.profiles import planes_of_fits
-from palpate_certainty.tables import Assessed, certainty_tables, density_of, in_shares, most_likely
+from palpate_certainty.tables import Assessed, certainty_tables, density_of, most_likely
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -80,13 +80,11 @@ class Assessment:
         with self.noting("intervals"):
             self._check_score(by)
             columns, failures = self.columns(by)
-            found.append(self.assess(by, columns, failures, own=_own(by, ended)))
-            alone = _grown(columns, by, _own(by, ended)) if found[0].linear.in_box else columns
+            found.append(self.assess(by, columns, failures))
         for case in ended if found and not joint_only else ():
             if case is not by:
                 with self.noting(f"intervals for {case.label}, scenario {case.scenario.name}"):
-                    known = columns if len(case.spots) > 1 else alone
-                    found.append(self.assess(case, known, failures, found[0], own=_own(case, ended)))
+                    found.append(self.assess(case, columns, failures, found[0]))
         return sorted(found, key=lambda each: ended.index(each.case))
 
     def profile_planes(
@@ -125,11 +123,8 @@ class Assessment:
         columns: Columns,
         failures: Mapping[ErrorSource, str] = MappingProxyType({}),
         first: Assessed | None = None,
-        own: Sequence[Case] = (),
     ) -> Assessed:
         """Assess a case, with curves that are linear around the end of its fit, or around likelier values.
-
-        Where its spots differ, and each has a fit of its ``own``, curves are linear around these.
 
         Without a mesh, simulations cost little, and the most likely values are found on simulated curves;
         where Fopt weighs the curves, the fit has ended there. With a mesh, curves of a tissue that relaxes,
@@ -138,8 +133,6 @@ class Assessment:
         assert case.end is not None
         points = self._points(case.end, columns, first, None)
         found = self._weighed(case, points, failures, first)
-        if found.errors.between is not None and own:
-            return self._weighed(case, self._apart(case, points, columns, own), failures, first)
         if found.linear.is_like_fopt:
             return found
         if not self.study.solver.provides.mesh:
@@ -163,33 +156,35 @@ class Assessment:
     ) -> Assessed:
         """Assess a case: its covariance, and whether the model describes its data.
 
-        Noise and discrepancy of ``first`` serve here too if it has all channels: errors of some curves are no
-        smaller because others are left out. Curves may be linear around the values of the same case assessed
-        before (``again``), whose misfits count; ``is_likeliest``: these are the most likely.
+        Parameters
+        ----------
+        case : Case
+        points : LinearProblem
+            Of every measured point, around the end of the fit or around other values.
+        failures : mapping of ErrorSource to str
+            Why some causes could not be simulated.
+        first : Assessed, optional
+            Its noise and discrepancy serve here too if it has all channels: errors of some curves are no
+            smaller because others are left out.
+        again : Assessed, optional
+            One of the same case, around whose values curves are linear; its misfits count.
+        is_likeliest : bool
+            Whether these values are the most likely ones.
         """
         end = case.end
         assert end is not None
         assert end.best is not None
         linear = points.averaged()
         errors = errors_of(linear, first.errors if first else None)
-        there = points
-        if errors.between is not None:  # each spot is at values of its own
-            changes = errors.between.changes(points.jacobian, points.rows)
-            there = replace(points, residuals=points.residuals + changes)
-        missed = again.misfits if again else misfits(there, linear, errors)
+        missed = again.misfits if again else misfits(points, linear, errors)
         shape = again.shape if again else shape_of(linear, errors)
         if shape[0] < ASSUMED.unusual or any(is_beyond(m, linear.expected[i]) for i, m in missed.items()):
             linear, errors = linear.like_fopt(errors)
         of_all, in_range = linear.weighed(errors, is_likeliest=is_likeliest)
-        density = density_of(of_all, end.problem, in_box=points.in_box)
-        if points.in_box:
-            of_all, in_range = (in_shares(each, end.problem) for each in (of_all, in_range))
+        density = density_of(of_all, end.problem)
         # Where the curves count as in Fopt, the least of it is what was searched.
-        is_searched = linear.is_like_fopt and not points.in_box
-        point = points.point if is_searched else most_likely(of_all, density, end.problem)
-        if errors.between is None:
-            there = replace(points, residuals=points.residuals + points.jacobian @ (point - points.point))
-        close = closeness_of(there.residuals, end.problem.terms, points.channels)
+        point = points.point if linear.is_like_fopt else most_likely(of_all, density, end.problem)
+        close = _closeness(end, points, point, errors)
         made = checks(missed, linear.expected, close, shape, errors.alike, of_all.in_ranges)
         return Assessed(
             case=case,
@@ -219,19 +214,10 @@ class Assessment:
             residuals=residuals,
             jacobian=jacobian,
             rows=rows,
-            known=self._known([end], residuals, rows, columns),
+            known=self._known(end, residuals, rows, columns),
             channels=channels,
             expected={i: self.study.budget.discrepancy_of(name) for i, name in enumerate(channels)},
         )
-
-    def _apart(
-        self, case: Case, points: LinearProblem, columns: Columns, own: Sequence[Case]
-    ) -> LinearProblem:
-        """Problem of every measured point, around the own fit of each spot, with errors by its size."""
-        assert case.end is not None
-        ends = [each.end for each in own if each.end is not None]
-        problem, there = around_own(points, case.end, ends)
-        return replace(problem, known=self._known(ends, there, points.rows, _grown(columns, case, own)))
 
     def _mesh_errors(self, end: Fit, points: LinearProblem) -> Iterator[dict[str, Any]]:
         if MESH in points.known:
@@ -290,47 +276,32 @@ class Assessment:
             )
 
     def _known(
-        self, ends: Sequence[Fit], residuals: FloatArray, rows: ResidualLayout, columns: Columns
+        self, end: Fit, residuals: FloatArray, rows: ResidualLayout, columns: Columns
     ) -> dict[str, FloatArray]:
         """Change of the residuals (n, m) by one standard deviation of each known cause."""
-        terms = [term for end in ends for term in end.problem.terms]
-        inputs = {
-            term.spot: end.problem.inputs(term.spot, end.best.point)
-            for end in ends
-            if end.best is not None
-            for term in end.problem.terms
-        }
+        assert end.best is not None
+        terms = end.problem.terms
+        inputs = {term.spot: end.problem.inputs(term.spot, end.best.point) for term in terms}
         found = error_budget(self.study, self.measured, terms, residuals, columns, self.meshes, inputs)
         known = {
             label: np.stack(list(columns.values()), axis=1)
             for label, columns in found.items()
             if any(np.any(each) for each in columns.values())
         }
-        return known | {PRIORS: np.diag(np.where(rows.channel < 0, ends[0].problem.noise, 0.0))}
+        return known | {PRIORS: np.diag(np.where(rows.channel < 0, end.problem.noise, 0.0))}
 
 
-def _own(case: Case, ended: Sequence[Case]) -> list[Case]:
-    """Fits of each spot of a joint fit alone, in the same scenario; none where one is missing."""
-    alone = {each.label: each for each in ended if each.scenario is case.scenario and each is not case}
-    found = [alone[spot] for spot in case.spots if spot in alone]
-    return found if len(found) == len(case.spots) > 1 else []
+def _closeness(
+    end: Fit, points: LinearProblem, point: FloatArray, errors: ResidualErrors
+) -> Mapping[int, Closeness]:
+    """Closeness of the curves at the most likely values to each measured channel.
 
-
-def _grown(columns: Columns, joint: Case, own: Sequence[Case]) -> Columns:
-    """Errors of the curves of a joint fit for the curves of own fits: they grow with the curves."""
-    sizes: dict[tuple[str, str], list[float]] = {}
-    for end in (case.end for case in (joint, *own) if case.end is not None):
-        residuals = end.at_end().residuals
-        assert residuals is not None
-        for term, name, at, scale in pieces(end.problem.terms):
-            curve = (scale * term.measured[channel_of(name)].ordinate)[term.counted(name)]
-            size = float(np.linalg.norm(residuals[at] + curve) / np.linalg.norm(curve))
-            sizes.setdefault((term.spot, channel_of(name)), []).append(size)
-    times = {key: each[-1] / each[0] for key, each in sizes.items()}
-    return {
-        key: {name: times.get(key, 1.0) * part for name, part in of_curve.items()}
-        for key, of_curve in columns.items()
-    }
+    Where spots differ, each is at values of its own.
+    """
+    there = points.residuals + points.jacobian @ (point - points.point)
+    if errors.between is not None:
+        there = points.residuals + errors.between.changes(points.jacobian, points.rows)
+    return closeness_of(there, end.problem.terms, points.channels)
 
 
 def _left_out(case: Case, failures: Mapping[ErrorSource, str]) -> dict[str, str]:

@@ -1,9 +1,8 @@
 """Differences between spots: a random effect of each parameter that the spots share.
 
-Each spot has parameters of its own, spread around their mean: moduli by their logarithms, where each spot
-has its own fit. Their standard deviations are those that make the spots' own values most likely (restricted
-likelihood), and their intervals come from the Q-profile (Viechtbauer, Statistics in Medicine 26, 2007). In
-the residuals the differences are one more error source.
+Each spot has parameters of its own, spread around their mean. Their standard deviations are those that make
+the spots' own values most likely (restricted likelihood), and their intervals come from the Q-profile
+(Viechtbauer, Statistics in Medicine 26, 2007). In the residuals the differences are one more error source.
 """
 
 from collections.abc import Mapping
@@ -24,12 +23,12 @@ UNUSUAL = 0.05
 """Probability of spots that differ so much, under which they have parameters of their own."""
 
 LEAST_SD, MOST_SD = 1e-5, 3.0
-"""Ends of the standard deviations, in ranges, among which the most likely is sought; the least is 0."""
+"""Ends of the standard deviations, in ranges, among which the most likely is sought."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class SpotDifferences:
-    """Standard deviations of parameters between spots, in ranges, or of coordinates of the box.
+    """Standard deviations of parameters between spots, in ranges.
 
     Parameters
     ----------
@@ -105,7 +104,13 @@ def differences(
 ) -> SpotDifferences:
     """Estimate the differences between spots; at least two spots share a parameter.
 
-    The causes are as :func:`palpate_certainty.laplace.laplace` takes them, without these differences.
+    Parameters
+    ----------
+    residuals : (n,) array
+    jacobian : (n, n_parameters) array
+        Of the residuals, per range.
+    causes : mapping of name to (n, m) array
+        As :func:`palpate_certainty.laplace.laplace` takes them, without differences between spots.
     """
     shared, slopes = shared_parameters(jacobian, rows), by_spot(jacobian, rows)
     n, n_spots = len(shared), len(_spots(rows))
@@ -136,7 +141,7 @@ def _most_likely(own: FloatArray, covariance: FloatArray, n: int) -> FloatArray:
         for start in (spread, spread - 2.0)
     ]
     sd: FloatArray = np.exp(min(tried, key=lambda each: float(each.fun)).x)
-    return np.where(sd > 1.01 * LEAST_SD, sd, 0.0)
+    return sd
 
 
 def _q_profile(own: FloatArray, covariance: FloatArray) -> tuple[float, float]:

@@ -63,8 +63,8 @@ DECLARED: Mapping[str, Mapping[str, StageTable]] = MappingProxyType(
                 "Differences between spots beyond their errors, by parameter that the spots share.",
                 {
                     **common("fit", "scenario", "parameter", "unit"),
-                    "value": TableColumn("Mean over the spots, geometric of a modulus.", unit=OF_ROW),
-                    "sd": TableColumn("Standard deviation between spots; 0: none is seen.", unit=OF_ROW),
+                    "value": TableColumn("Mean over the spots.", unit=OF_ROW),
+                    "sd": TableColumn("Standard deviation between spots.", unit=OF_ROW),
                     **common("lower", "upper"),
                     "n_spots": TableColumn("Number of spots.", pl.Int64),
                 },

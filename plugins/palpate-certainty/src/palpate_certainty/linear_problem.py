@@ -4,7 +4,7 @@ Intervals, checks, held-out curves, posteriors and planned presses read a :class
 sizes of its errors from :class:`ResidualErrors`.
 """
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
 from functools import cached_property, partial
 from typing import Self
@@ -85,9 +85,6 @@ class LinearProblem:
         As :func:`~palpate_certainty.noise_model.groups_of` returns them, where residuals are averages.
     is_like_fopt : bool
         The curves count as in Fopt, for the model differs from them by more than its stated errors.
-    in_box : bool
-        Spots differ: the curves of each are linear around its own fit, in coordinates of the box, which are
-        logarithms of moduli, in place of shares of the ranges.
     """
 
     point: FloatArray
@@ -99,7 +96,6 @@ class LinearProblem:
     expected: Mapping[int, float]
     groups: FloatArray = field(default_factory=lambda: np.empty((0, 0)))
     is_like_fopt: bool = False
-    in_box: bool = False
 
     @property
     def n_points(self) -> IntArray:
@@ -195,7 +191,10 @@ class LinearProblem:
     def weighed(self, errors: ResidualErrors, *, is_likeliest: bool = False) -> tuple[Laplace, Laplace]:
         """Density of the parameters by all errors, and one where each is known to be in its range.
 
-        No step leads from a ``point`` that is the most likely one.
+        Parameters
+        ----------
+        is_likeliest : bool
+            Whether ``point`` is the most likely one, from which no step leads.
         """
         missed = np.zeros_like(self.residuals) if is_likeliest else self.residuals
         density = partial(
@@ -236,31 +235,10 @@ def linearised(fit: Fit, at: FloatArray | None) -> tuple[FloatArray, FloatArray,
     return found.residuals, found.jacobian * width / box.rates(found.point), shares
 
 
-def around_own(points: LinearProblem, joint: Fit, own: Sequence[Fit]) -> tuple[LinearProblem, FloatArray]:
-    """Problem of a joint fit whose spots have each a fit of their own, and the residuals (n,) at these.
-
-    Known sources of error stay as the joint fit has them.
-    """
-    box, names, ends = joint.problem.box, joint.problem.names, [fit.at_end() for fit in own]
-    assert joint.best is not None
-    jacobian = points.jacobian * box.rates(joint.best.point) / (box.upper - box.lower)
-    each, there = np.full((len(own), len(names)), np.nan), points.residuals.copy()
-    for spot, (fit, end) in enumerate(zip(own, ends, strict=True)):
-        assert end.residuals is not None
-        assert end.jacobian is not None
-        inside, columns = points.rows.spot == spot, [names.index(name) for name in fit.problem.names]
-        n, size = int(inside.sum()), len(own) ** -0.5  # a joint Fopt is a mean over spots
-        each[spot, columns], there[inside] = end.point, size * end.residuals[:n]
-        jacobian[np.ix_(inside, columns)] = size * end.jacobian[:n]
-    point = np.nanmean(each, axis=0)
-    apart = np.nan_to_num(np.vstack([point - each, point - joint.best.point]))
-    moved = np.einsum("ij,ij->i", jacobian, apart[points.rows.spot])
-    problem = replace(points, point=point, residuals=there + moved, jacobian=jacobian, in_box=True)
-    return problem, there
-
-
 def errors_of(linear: LinearProblem, first: ResidualErrors | None = None) -> ResidualErrors:
     """Sizes of the errors of a fit, with the differences between its spots where these are not alike.
+
+    Each spot then has parameters of its own.
 
     Parameters
     ----------
@@ -276,19 +254,15 @@ def errors_of(linear: LinearProblem, first: ResidualErrors | None = None) -> Res
     if n <= n_parameters:
         raise PalpateError(f"{n} measured points for {n_parameters} parameters; fix some")
     known = first if first is not None and first.noise.noise.keys() >= set(linear.rows.channels) else None
-    if known is None:
-        errors = _sizes(linear, _free_by_spot(linear) if linear.in_box else linear.free)
-    else:
-        errors = replace(known, between=None, alike=None)
+    errors = _sizes(linear, linear.free) if known is None else replace(known, between=None, alike=None)
     if not linear.has_shared:
         return errors
     stated = linear.stated @ linear.stated.T + linear.rest(errors.noise)
     alike = probability_of_alike(linear.residuals, linear.jacobian, stated, linear.rows)
-    if not linear.in_box:
-        if alike >= UNUSUAL:
-            return replace(errors, alike=alike)
-        if first is None or first.between is None:
-            errors = _sizes(linear, _free_by_spot(linear))
+    if alike >= UNUSUAL:
+        return replace(errors, alike=alike)
+    if first is None or first.between is None:
+        errors = _sizes(linear, _free_by_spot(linear))
     between = differences(linear.residuals, linear.jacobian, linear.columns(errors), linear.rows)
     return replace(errors, alike=alike, between=between)
 

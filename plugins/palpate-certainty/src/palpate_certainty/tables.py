@@ -1,7 +1,7 @@
 """A fit with its covariance, the directions in which it is known, and the tables of both."""
 
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 from typing import Any
 
 import numpy as np
@@ -50,9 +50,15 @@ class ParameterCombination:
 def parameter_combinations(
     names: Sequence[str], values: FloatArray, rates: FloatArray, covariance: FloatArray
 ) -> list[ParameterCombination]:
-    """Principal directions of a covariance in coordinates of the unit box, the best known first.
+    """Principal directions of a covariance, the best known first.
 
-    ``rates`` (n_parameters,) are the derivatives of the values in these coordinates.
+    Parameters
+    ----------
+    names : sequence of str
+    values, rates : (n_parameters,) array
+        Values, and their derivatives in the coordinates.
+    covariance : (n_parameters, n_parameters) array
+        In coordinates of the unit box.
     """
     # Relative changes; a value of zero has none, and is seen over its range.
     per_coordinate = rates / np.where(values == 0.0, rates, values)
@@ -144,44 +150,25 @@ class Assessed:
         return worst_of(check.verdict for check in self.checks)
 
 
-def density_of(found: Laplace, problem: Problem, *, in_box: bool = False) -> Density:
-    """Density within the ranges and the filters of a problem, in shares of the ranges.
-
-    What is ``found`` is in shares, too, or in coordinates of the box.
+def density_of(found: Laplace, problem: Problem) -> Density:
+    """Density within the ranges and the filters of a problem.
 
     Raises
     ------
     PalpateError
         Nothing is.
     """
-    box, width = problem.box, problem.box.upper - problem.box.lower
+    box = problem.box
 
-    def weights(at: FloatArray) -> FloatArray:
+    def weights(shares: FloatArray) -> FloatArray:
         # Before any curve each is spread evenly along its coordinate, as a search steps in it.
-        points = at if in_box else box.point(box.lower + width * at)
-        rates = 1.0 if in_box else np.prod(box.rates(points) / width, axis=1)
-        even: FloatArray = problem.accepts(points) / rates
+        values = box.lower + (box.upper - box.lower) * shares
+        points = box.point(values)
+        rates = box.rates(points)
+        even: FloatArray = problem.accepts(points) / np.prod(rates / (box.upper - box.lower), axis=1)
         return even
 
-    density = found.within(weights)
-    if not in_box:
-        return density
-    there = in_shares(found, problem)
-    points = (box.values(density.points) - box.lower) / width
-    return replace(density, centre=there.centre, covariance=there.covariance, points=points)
-
-
-def in_shares(found: Laplace, problem: Problem) -> Laplace:
-    """Density of coordinates of a problem's box as a density of shares of the ranges, to first order."""
-    box, width = problem.box, problem.box.upper - problem.box.lower
-    likely = found.most_likely
-    rates = box.rates(likely) / width
-    return replace(
-        found,
-        centre=(box.values(likely) - box.lower) / width + rates * (found.centre - likely),
-        covariance=found.covariance * np.outer(rates, rates),
-        parts={name: part * np.outer(rates, rates) for name, part in found.parts.items()},
-    )
+    return found.within(weights)
 
 
 def most_likely(found: Laplace, density: Density, problem: Problem) -> FloatArray:
@@ -283,17 +270,18 @@ def _between_spots(each: Assessed) -> Iterator[dict[str, Any]]:
     box, found = each.end.problem.box, each.errors.between
     if found is None:
         return
+    width = box.upper - box.lower
     for k, i in enumerate(found.shared.tolist()):
-        parameter, value = box.parameters[i], float(each.values[i])
-        sizes = np.array([found.sd[k], *found.ends[k]])
-        if each.linear.in_box and box.log[i]:
-            # Coefficient of variation of a lognormal spread.
-            spread = value * np.sqrt(np.expm1((sizes * np.log(parameter.upper / parameter.lower)) ** 2))
-        else:
-            spread = sizes * (parameter.upper - parameter.lower)
-        about = {"parameter": parameter.name, "unit": parameter.unit, "value": value}
-        about |= dict(zip(("sd", "lower", "upper"), spread.tolist(), strict=True))
-        yield _about(each) | about | {"n_spots": len(found.own)}
+        lower, upper = (float(end * width[i]) for end in found.ends[k])
+        yield _about(each) | {
+            "parameter": box.parameters[i].name,
+            "unit": box.parameters[i].unit,
+            "value": float(each.values[i]),
+            "sd": float(found.sd[k] * width[i]),
+            "lower": lower,
+            "upper": upper,
+            "n_spots": len(found.own),
+        }
 
 
 def _spot_draws(each: Assessed) -> Iterator[dict[str, Any]]:
@@ -301,12 +289,11 @@ def _spot_draws(each: Assessed) -> Iterator[dict[str, Any]]:
     box, found = each.end.problem.box, each.errors.between
     if found is None:
         return
-    rng, width = np.random.default_rng(0), box.upper - box.lower
-    drawn = each.density.draws(N_DRAWS)
-    there = box.point(box.lower + width * drawn) if each.linear.in_box else drawn
-    there[:, found.shared] += found.sd * rng.standard_t(found.freedom, (len(drawn), found.sd.size))
-    inside = there.clip(0.0, 1.0)
-    for values in box.values(inside) if each.linear.in_box else box.lower + width * inside:
+    rng = np.random.default_rng(0)
+    for shares in each.density.draws(N_DRAWS):
+        there = shares.copy()
+        there[found.shared] += found.sd * rng.standard_t(found.freedom, found.sd.size)
+        values = box.lower + (box.upper - box.lower) * there.clip(0.0, 1.0)
         yield _about(each) | dict(zip(box.names, values.tolist(), strict=True))
 
 

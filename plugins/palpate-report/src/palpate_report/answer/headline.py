@@ -41,21 +41,16 @@ def _holds(value: Headline, truth: float) -> bool:
 
 def between_spots(data: ReportData) -> str:
     """Sentence on spots that differ: mean ± standard deviation of each parameter; empty where none do."""
+    rows = data.leading_rows(data.table("between_spots")).to_dicts()
     found = []
-    for row in data.leading_rows(data.table("between_spots")).to_dicts():
-        sd, lower, upper = row["sd"], rounded(row["lower"]), rounded(row["upper"])
-        of_scenario = data.fit.intervals.filter(scenario=row["scenario"], parameter=row["parameter"])
-        own = of_scenario.filter(pl.col("fit") != row["fit"]).sort("value")["value"]
-        mean, *at = (rounded(each, 0.0, sd or row["upper"]) for each in (row["value"], *own))
-        text = with_unit(f"{mean} ± {rounded(sd, 0.0, sd)}", row["unit"])
-        # Two or three spots tell no upper end.
-        ends = f" (at least {lower})" if row["upper"] > 100.0 * sd else f" ({lower} to {upper})"
-        if not sd:
-            text, ends = with_unit(mean, row["unit"]), f", sd below {with_unit(upper, row['unit'])}"
-        at_spots = f", spots {at[0]} to {at[-1]}" if at else ""
-        found.append(f"{data.brief_name(row['parameter'])} {text}{ends}{at_spots}")
-    about = "they differ, mean (geometric of a modulus) ± sd between spots (95 % interval of the sd)"
-    return f"{about}: {'; '.join(found)}" if found else ""
+    for row in rows:
+        mean, sd = (rounded(row[key], 0.0, row["sd"]) for key in ("value", "sd"))
+        ends = f"{rounded(row['lower'])} to {rounded(row['upper'])}"
+        name = data.brief_name(row["parameter"])
+        found.append(f"{name} {with_unit(f'{mean} ± {sd}', row['unit'])} ({ends})")
+    return (
+        f"they differ, mean ± sd between spots (95 % interval of the sd): {'; '.join(found)}" if found else ""
+    )
 
 
 # ----------------------------------------------------------------------- verdicts
