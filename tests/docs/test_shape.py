@@ -18,8 +18,8 @@ ROOT = Path(__file__).parents[2]
 LONGEST_FILE = 500
 LONGEST_FUNCTION = 45
 MOST = {
-    "lines": 76_848,
-    "lines of the core": 33_252,
+    "lines": 76_853,
+    "lines of the core": 33_257,
     "classes": 655,
     "constants": 732,
     "long files": 0,

@@ -270,6 +270,8 @@ def _curves() -> Mapping[str, Callable[[], Layout]]:
             ["Crosshead (mm),Load (lbf),Load (N)", *rows(DEPTH, FORCE, FORCE)], "question"),
         "two values in a cell": lambda: made(
             ["Depth (mm);Force (mN)", *[f"{d:.4f};{100 + k} {300 + f:.0f}" for k, (d, f) in enumerate(zip(DEPTH, FORCE, strict=True))]], "question"),
+        "two decimal values in a cell": lambda: made(
+            ["Depth (mm);Force (mN)", *[f"{d:.4f};{100 + k} {300 + f:.1f}" for k, (d, f) in enumerate(zip(DEPTH, FORCE, strict=True))]], "question"),
         "apostrophes between thousands": lambda: made(
             ["Travel (um);Force (mN)", *[f"{d:,.0f};{f:,.1f}".replace(",", "'") for d, f in zip((1e3 * DEPTH).tolist(), (1e3 * FORCE).tolist(), strict=True)]], "curve"),
         "creep": lambda: made(["Time (s),Strain (%),Stress (Pa)", *rows(SECONDS, 100.0 * STRAIN, 0.0 * STRAIN + 100.0)], "question"),

@@ -96,7 +96,8 @@ def _tables(study: Study, measured: Response) -> Iterator[tuple[str, str]]:
             continue  # it has directions
         young = float(secant_young_MPa(region.material, thetas[region.region], np.array([1e-3]))[0])
         names = [p.name for p in region.material.parameters if p.kind == "modulus"]
-        first = next((name for name in names if region.name_of(name) in space.names), None)
+        searched = (name for name in names if region.name_of(name) in space.names)
+        first = next((name for name in searched if every[region.name_of(name)] > 0.0), None)
         estimate = force / hertz_N(young, protocol) if young > 0.0 else 0.0
         if first is None or not (np.isfinite(estimate) and estimate > 0.0):
             continue

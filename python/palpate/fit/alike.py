@@ -33,7 +33,9 @@ def changed_like(
         share = (change[seen] @ known[seen]) / (known[seen] @ known[seen])
         changed: FloatArray = share * ordinate
     else:
-        size = np.sqrt(np.nanmean(ordinate**2) / np.nanmean(known**2))
+        known = np.interp(at, at_known, known)
+        both = np.isfinite(ordinate) & np.isfinite(known)  # the same part of both paths
+        size = np.linalg.norm(ordinate[both]) / max(float(np.linalg.norm(known[both])), 1e-300)
         changed = size * np.interp(at, at_known, change)
     return np.where(np.isfinite(ordinate), changed, 0.0)
 

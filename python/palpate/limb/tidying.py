@@ -83,13 +83,13 @@ def _without(mesh: Mesh, rigid: Sequence[str]) -> Mesh:
     is_rigid = np.isin(mesh.regions, rigid)
     soft = {kind: ~is_rigid[regions] for kind, regions in mesh.cell_regions.items()}
     held = [cells[~soft[kind]].ravel() for kind, cells in mesh.cells.items()]
-    number = np.cumsum(~is_rigid) - 1
+    number, fixed = np.cumsum(~is_rigid) - 1, mesh.node_sets.get("fixed", np.empty(0, np.int64))
     return replace(
         mesh,
         cells={kind: cells[soft[kind]] for kind, cells in mesh.cells.items()},
         cell_regions={kind: number[regions[soft[kind]]] for kind, regions in mesh.cell_regions.items()},
         regions=tuple(name for name in mesh.regions if name not in rigid),
-        node_sets={**mesh.node_sets, "fixed": np.union1d(mesh.node_sets["fixed"], np.concatenate(held))},
+        node_sets={**mesh.node_sets, "fixed": np.union1d(fixed, np.concatenate(held))},
         cell_fields={name: {k: v[soft[k]] for k, v in of.items()} for name, of in mesh.cell_fields.items()},
     )
 

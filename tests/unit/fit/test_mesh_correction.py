@@ -442,3 +442,13 @@ def test_a_curve_of_zeros_shows_no_change_of_another(zero, end):
     curve = np.full(5, 0.0 if zero == "curve" else 1.0)
     known = np.full(5, 0.0 if zero == "known" else 1.0)
     assert changed_like(np.ones(5), of, known, path, curve).tolist() == [0.0] * 5
+
+
+def test_a_curve_that_ends_early_borrows_the_same_change_up_to_its_end():
+    path = np.linspace(0.0, 10.0, 41)
+    curve = path**1.5
+    of = Curve(channel="force", abscissa=path, ordinate=curve)
+    cut = np.where(path <= 9.0, curve, np.nan)
+    whole, part = (changed_like(0.03 * curve, of, curve, path, ordinate) for ordinate in (curve, cut))
+    np.testing.assert_allclose(part[path <= 9.0], whole[path <= 9.0])
+    assert not part[path > 9.0].any()

@@ -461,10 +461,12 @@ def _numbers(cells: "pl.Series", decimal: str, place: int | None) -> tuple[Float
         plain = cells.str.replace(",", ".", literal=True) if decimal == "," else cells
         is_number = cells.str.contains(f"^(?:{NUMBERS[decimal]})$")
         marked = ~is_number & cells.str.contains(f"^(?:{THOUSANDS[decimal]})$")
-        # 1,000 alone may be one, but not 1,000.5, nor next to it; 300 400 may be two, but not next to 80.
+        # A comma stands between thousands next to a decimal, a blank next to numbers below 1,000 alone.
         are_small = cells.filter(is_number).str.contains(r"^[+-]?\d{1,3}(\D|$)")
-        blank = " " if are_small.len() and are_small.all() else ""
-        if cells.filter(marked).str.contains(rf"\{decimal}|['\u00a0\u202f{blank}]").any():
+        marks = cells.filter(marked)
+        if marks.str.contains(rf"\{decimal}|['\u00a0\u202f ]").any() and (
+            not marks.str.contains(" ", literal=True).any() or (are_small.len() and are_small.all())
+        ):
             bare = cells.str.replace_all(rf"[^\d{decimal}+-]", "").str.replace(",", ".", literal=True)
             plain, is_number = plain.zip_with(~marked, bare), is_number | marked
         values = plain.str.replace("[dD]", "e").cast(pl.Float64, strict=False)
