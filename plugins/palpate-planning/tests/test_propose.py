@@ -28,12 +28,13 @@ from palpate_planning import propose as planning
 from palpate_planning.candidates import (
     Allowed,
     CandidatePress,
+    described,
     timed,
     turned,
     usual,
     with_presses,
 )
-from palpate_planning.figure import _words, draw
+from palpate_planning.figure import draw
 from palpate_planning.plan import tool_forces
 from palpate_planning.presses import observed
 from palpate_planning.propose import PlanOptions, propose
@@ -156,7 +157,7 @@ def test_picture_has_every_spot_with_its_best_candidates(run, tmp_path):
     assert "spot p1" in text
     assert f"{best.goal:.2f}" in text
     assert text.count("depth ") == 6  # of so many candidates, the best first
-    assert _words(best) in text
+    assert described(best.press.press).replace(" deg", "°").replace(" -", " −") in text
     assert "mean error of all parameters" in text
     assert text.count("<path") > draw(found, {}, tmp_path / "bare")[0].read_text().count("<path")
 
