@@ -66,7 +66,7 @@ def test_extrapolated_curves_are_near_the_converged_ones_along_the_whole_path(st
     for name, curve in measured.items():
         corrected = fine[name] + left_over[name] * (fine[name] - coarse[name]) - softer[name]
         off[name] = np.abs(corrected - curve.ordinate).max() / np.abs(curve.ordinate).max()
-    assert off["force"] < 0.004
+    assert off["force"] < 0.005  # 0.003, and chords between states
     assert off["torque"] < 0.010
 
 
