@@ -1,9 +1,10 @@
 """Meshes of the demo's forearm that had no part in the demo: of its exact surfaces, with curved faces.
 
-The forearm of ``forearm-demo`` has half-axes that are linear along the limb, and two round bones; its mesh
-files fit these surfaces to 3e-8 mm. :func:`true_limb` has edges of 1.0 mm at the edge of the contact (about
-15,000 nodes): with 20 steps of depth and twist steps of 2.25° its curves are within 0.3 % of the force and
-1.2 % of the torque of converged ones. :func:`other_limb` is as coarse as the demo's meshes.
+The forearm of ``forearm-demo`` has half-axes that are linear along the limb, and two round bones. Nodes of
+its mesh files are on these surfaces to 3e-8 mm, but for midside nodes of the bones, whose faces are on the
+bones on average. :func:`true_limb` has edges of 1.0 mm at the edge of the contact (about 15,000 nodes): with
+20 steps of depth and twist steps of 2.25° its curves are within 0.3 % of the force and 1.2 % of the torque
+of converged ones. :func:`other_limb` has edges of half the radius under the sphere (4,500 to 5,000 nodes).
 """
 
 from collections.abc import Mapping

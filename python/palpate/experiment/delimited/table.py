@@ -130,12 +130,10 @@ def decoded(path: Path, given: Encoding | None) -> tuple[str, Encoding]:
         )
     marked = given or next((encoding for mark, encoding in _MARKS.items() if raw.startswith(mark)), None)
     # Japanese or Chinese text has most bytes outside of ASCII in its usual pairs.
-    head = raw[:100_000]
-    n_paired = {
-        key: len(b"".join(re.findall(of, head)).translate(None, bytes(range(128))))
-        for key, of in _USUAL_PAIRS.items()
-    }
-    paired = (key for key, n in n_paired.items() if n > 0.7 * len(head.translate(None, bytes(range(128)))))
+    head, plain = raw[:100_000], bytes(range(128))
+    n_least = 0.7 * len(head.translate(None, plain))
+    found = {key: b"".join(re.findall(of, head)) for key, of in _USUAL_PAIRS.items()}
+    paired = (key for key, pairs in found.items() if len(pairs.translate(None, plain)) > n_least)
     guesses: tuple[Encoding, ...] = ("utf-8", *paired, "cp1252", "latin-1")
     for encoding in (marked,) if marked else guesses:
         try:

@@ -18,12 +18,12 @@ WRITE_UP = "every parameter is identified; print the material with its intervals
 
 _TABLE = tomllib.loads(files("palpate_report").joinpath("answer/causes.toml").read_text(encoding="utf-8"))
 CAUSES, SETTINGS, REMEDIES, _COLOURS = (
-    {cause: of[key] for cause, of in _TABLE.items() if key in of}
+    MappingProxyType({cause: of[key] for cause, of in _TABLE.items() if key in of})
     for key in ("words", "setting", "remedy", "colour")
 )
 """Causes of intervals in words, the key of `[budget]` that states the size of each, what makes it smaller
 where no other evidence is needed, and its colour. Others, such as fixed parameters, have their own name."""
-COLOURS: Mapping[str, str] = {CAUSES[cause]: colour for cause, colour in _COLOURS.items()}
+COLOURS: Mapping[str, str] = MappingProxyType({CAUSES[cause]: colour for cause, colour in _COLOURS.items()})
 """Colours in figures by the words of a cause."""
 
 OTHER_MATERIAL = "compare other laws: `palpate compare {study} --materials all`"

@@ -128,7 +128,8 @@ class Picked(NamedTuple):
 
 def pick(columns: Sequence[Column], role: str) -> Picked | None:
     """Plainest column of a role, or the only one with its unit; None where none is, or several differ."""
-    ranked, alike = _ranked(columns, role), _alike(columns, role)
+    ranked = _ranked(columns, role)
+    alike = _alike(ranked, columns, role)
     if (column := _finest(alike, ROLES[role].kind)) is None:
         return None
     others = [name for _, name, one in ranked if one not in alike]
@@ -143,9 +144,9 @@ def pick(columns: Sequence[Column], role: str) -> Picked | None:
     return Picked(column, factor_of(column, ROLES[role].kind), tuple(remarks))
 
 
-def _alike(columns: Sequence[Column], role: str) -> list[Column]:
+def _alike(ranked: Sequence[tuple[Rank, str, Column]], columns: Sequence[Column], role: str) -> list[Column]:
     """Columns that are the likeliest for a role; where no word shows it, by its unit alone."""
-    ranked, kind = _ranked(columns, role), ROLES[role].kind
+    kind = ROLES[role].kind
     if ranked or kind == "ratio":
         return [column for rank, _, column in ranked if rank == ranked[0][0]]
     named = [(c, words_of(c.name)) for c in columns if factor_of(c, kind) is not None]
@@ -188,7 +189,7 @@ def spread_of(columns: Sequence[Column], role: str) -> Picked | None:
 
 def rivals(columns: Sequence[Column], role: str) -> tuple[str, ...]:
     """Names of the columns that are as likely for a role; empty where one is the likeliest, or none is."""
-    alike = _alike(columns, role)
+    alike = _alike(_ranked(columns, role), columns, role)
     return tuple(column.name for column in alike) if len(alike) > 1 else ()
 
 
