@@ -24,7 +24,13 @@ OF_CERTAINTY = {stage.name: stage for stage in palpate_certainty.palpate_stages(
 OF_REPORT = {"report": ReportOutput, "compare": CompareOutput}
 CORE_STAGES = {stage.name: stage for stage in core_stages.STAGES}
 
-PUBLISHED = {1: "7d784a0eff4752b7", 2: "0546410e5aeb8c1d", 3: "8b1545c8a87cf3c1", 4: "12420e8218a6eede"}
+PUBLISHED = {
+    1: "7d784a0eff4752b7",
+    2: "0546410e5aeb8c1d",
+    3: "8b1545c8a87cf3c1",
+    4: "12420e8218a6eede",
+    5: "a71bc15900491c98",
+}
 """Digest of all schemas of each version."""
 
 

@@ -18,9 +18,9 @@ ROOT = Path(__file__).parents[2]
 LONGEST_FILE = 500
 LONGEST_FUNCTION = 45
 MOST = {
-    "lines": 76_853,
-    "lines of the core": 33_257,
-    "classes": 655,
+    "lines": 76_851,
+    "lines of the core": 33_253,
+    "classes": 654,
     "constants": 732,
     "long files": 0,
     "long functions": 6,

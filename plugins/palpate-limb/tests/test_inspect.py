@@ -116,11 +116,13 @@ def test_a_bone_is_rigid_and_each_layer_has_a_modulus(session: Session, tmp_path
     sets = {name: np.flatnonzero(read.point_data.pop(name)) for name in ("fixed", "contact")}
     read.cell_sets, read.point_sets = groups, sets
     path = tmp_path / "m.inp"
+    sets.pop("fixed")  # the bone holds the limb
     read.write(path)
     press.write_text("depth_mm,force_N\n0,0\n0.5,0.1\n1,0.2\n1.5,0.31\n2,0.43\n")
     assert main(["init", str(tmp_path / "own"), "--measured", str(press), "--mesh", str(path)]) == 0
     raw = tomllib.loads((tmp_path / "own" / "study.toml").read_text())
     assert raw["limb"]["rigid"] == ["Tibia"]
+    assert raw["limb"]["settings"]["node_sets"] == {"contact": "contact", "fixed": "Tibia"}
     assert set(raw["region"]) == {"skin", "fat"}
     searched = {
         name: [k for k, v in of["parameters"].items() if isinstance(v, dict)]
@@ -128,6 +130,34 @@ def test_a_bone_is_rigid_and_each_layer_has_a_modulus(session: Session, tmp_path
     }
     assert searched == {"skin": ["c1"], "fat": ["c1"]}
     assert main(["check", str(tmp_path / "own")]) == 0
+
+
+def test_what_is_a_guess_is_asked_in_the_study_too(
+    session: Session, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """The mesh of the second spot has a region that may be bone, and its origin is not on the skin."""
+    limb = block("hex8", n_across=4, n_down=3, layers_mm={"fat": 6.0, "stump_bone": 6.0})
+    elsewhere = replace(limb.mesh, points_mm=limb.mesh.points_mm + np.array([0.0, 90.0, 0.0]))
+    own = [str(tmp_path / "own")]
+    for name, mesh in (("p1", block("hex8", n_across=4, n_down=3).mesh), ("p2", elsewhere)):
+        write_limb(tmp_path / f"{name}.vtu", replace(limb, mesh=mesh))
+        read = meshio.read(tmp_path / f"{name}.vtu")
+        labels = read.cell_data.pop("region")[0]
+        read.cell_sets = {region: [np.flatnonzero(labels == k)] for k, region in enumerate(mesh.regions)}
+        read.point_sets = {name: np.flatnonzero(read.point_data.pop(name)) for name in ("fixed", "contact")}
+        read.write(tmp_path / f"{name}.inp")
+        (tmp_path / f"{name}.csv").write_text("depth_mm,force_N\n0,0\n0.5,0.1\n1,0.2\n1.5,0.31\n2,0.43\n")
+        own += ["--measured", str(tmp_path / f"{name}.csv"), "--mesh", str(tmp_path / f"{name}.inp")]
+    assert main(["init", *own]) == 0
+    asked = capsys.readouterr().err.replace("\n", " ")
+    text = (tmp_path / "own" / "study.toml").read_text()
+    found = look_into_mesh(tmp_path / "p2.inp", session).findings
+    for question in ("is the spot right?", "is region 'stump_bone' bone?"):
+        assert all(f"answer first: {question}" in where for where in (asked, text, " ".join(found)))
+    raw = tomllib.loads(text)
+    assert [spot.get("position") for spot in raw["spot"]] == [None, ["0 mm", "90 mm", "0 mm"]]
+    assert "rigid" not in raw["limb"]
+    assert {*raw["region"]} == {"fat", "stump_bone", "soft_tissue"}
 
 
 def test_what_is_missing_is_a_finding(session: Session) -> None:

@@ -18,8 +18,8 @@ from palpate.errors import StudyError
 from palpate.progress import FIRST_LOOK
 
 if TYPE_CHECKING:
-    from palpate.cli.output import CheckOutput, Searched, SurfaceOutput
-    from palpate.domain import Curve, Limb, Parameter
+    from palpate.cli.output import CheckOutput, Searched
+    from palpate.domain import Curve, Parameter
     from palpate.run.result import StudyInputs
     from palpate.simulation.cost import Cost
     from palpate.study.reading import Study
@@ -104,6 +104,8 @@ def _say_cost(session: Session, path: Path, n_sets: int, left: "Cost") -> None:
 
 
 def _as_json(study: "Study", checked: "StudyInputs", left: "Cost") -> "CheckOutput":
+    from palpate.limb.outer_surface import surface_shares
+
     return {
         "study": study.name,
         "data": study.data,
@@ -119,7 +121,7 @@ def _as_json(study: "Study", checked: "StudyInputs", left: "Cost") -> "CheckOutp
         "fit_seconds": left.fit_seconds,
         "solver": study.solver.name,
         "scenarios": [scenario.name for scenario in study.scenarios],
-        "surface": {spot: _surface(limb) for spot, limb in checked.limbs.items()},
+        "surface": {spot: surface_shares(limb.mesh) for spot, limb in checked.limbs.items()},
         "remarks": {spot: list(limb.remarks) for spot, limb in checked.limbs.items()},
         "warnings": list(checked.warnings),
     }
@@ -175,14 +177,6 @@ def _show(session: Session, study: "Study", checked: "StudyInputs") -> None:
     session.say(f"fit: search '{study.search.name}', from {starts}")
 
 
-def _surface(limb: "Limb") -> "SurfaceOutput":
-    """Shares of a limb's outer surface."""
-    from palpate.limb.outer_surface import surface_shares
-
-    shares = surface_shares(limb.mesh)
-    return {"fixed": shares.fixed, "contact": shares.contact, "free": shares.free}
-
-
 def _by_fit_alone(study: "Study") -> list["Parameter"]:
     """Parameters of the fit that the sweep does not have, as at a single spot."""
     swept = {p.name for p in study.space.parameters}
@@ -190,8 +184,7 @@ def _by_fit_alone(study: "Study") -> list["Parameter"]:
     return [p for p in every if p.name not in swept]
 
 
-def _limits(parameter: "Parameter") -> "Searched":
-    p = parameter
+def _limits(p: "Parameter") -> "Searched":
     return {"name": p.name, "lower": p.lower, "upper": p.upper, "unit": p.unit}
 
 

@@ -4,7 +4,6 @@ import json
 import os
 import re
 import shutil
-import tomllib
 from collections.abc import Iterator, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
@@ -121,8 +120,9 @@ def _write_own(
     kept = "lines marked CHANGE THIS" if has_marks else kept
     session.say(f"{folder / 'study.toml'}: your {own}, everything else from {name}")
     session.note(f"edit before you run: {kept} are copied from {name} and are not yours; check the units")
-    for question in (each for each in found.findings if each.startswith("answer first")):
-        session.note(f"{question}, in the tables that are comments in the study")
+    asked = [*found.findings, *re.findall("^# (answer first.*)", text, flags=re.MULTILINE)]
+    for question in dict.fromkeys(each for each in asked if each.startswith("answer first")):
+        session.note(f"{question} (a comment in the study)")
     session.next(f"check {folder}")
 
 
@@ -164,21 +164,14 @@ def _list_ready(session: Session, *, as_json: bool) -> None:
     """List the ready studies, the first press before the others."""
     studies = session.only("studies").studies
     rows = [
-        {
-            "name": name,
-            "plugin": studies.provider(name),
-            "simulations": n_simulations(Path(studies[name].directory)),
-            "summary": studies[name].summary,
-        }
+        {"name": name, "plugin": studies.provider(name), "summary": studies[name].summary}
         for name in sorted(studies, key=lambda name: name != FIRST)
     ]
     if as_json:
         session.json(rows)
         return
-    shown = ("name", "simulations", "summary")
-    session.table(
-        "Ready studies", ("name", "sweep", "summary"), [[row[key] for key in shown] for row in rows]
-    )
+    shown = ("name", "summary")
+    session.table("Ready studies", shown, [[row[key] for key in shown] for row in rows])
     session.next("init --study NAME FOLDER")
     session.note("for your presses: palpate init FOLDER --measured FILE --mesh FILE")
 
@@ -201,23 +194,18 @@ def own_study_text(
     spots = [_name_of(mesh.stem) for mesh in meshes]
     if len(set(spots)) < len(spots):
         spots = [f"p{k}" for k in range(1, len(spots) + 1)]
-    tables = [
-        ("study", {"name": _name_of(folder.resolve().name), "data": "measured"}),
-        *(
-            (
-                "[spot]",
-                ({} if look is None else tomllib.loads(look.study_text)["spot"][0])
-                | {"name": spot, "mesh": _from(folder, mesh), "measured": _from(folder, file)},
-            )
-            for spot, file, mesh, look in zip(spots, measured, meshes, looks, strict=True)
-        ),
-    ]
-    own = [
-        f"[{name}]\n" + "".join(f"{k} = {json.dumps(v, ensure_ascii=False)}\n" for k, v in of.items())
-        for name, of in tables
-    ]
+    own = [f'[study]\nname = {json.dumps(_name_of(folder.resolve().name))}\ndata = "measured"\n']
+    for spot, file, mesh, look in zip(spots, measured, meshes, looks, strict=True):
+        files = {"name": spot, "mesh": _from(folder, mesh), "measured": _from(folder, file)}
+        lines = [f"{key} = {json.dumps(value, ensure_ascii=False)}" for key, value in files.items()]
+        place = look.study_text.partition("\n[limb]")[0].splitlines() if look else []
+        lines += (line for line in place if re.match(r"# |position|normal", line))
+        own.append("\n".join(["[[spot]]", *lines, ""]))
     ready_text, raw = parse_toml(ready / "study.toml")
-    kept = "\n".join(_of_mesh(list(_tables_of(ready_text)), looks[0]))
+    # The tables that name most: another spot's mesh may lack a layer or the bone.
+    named = [look.study_text.partition("[limb]")[2].count(" = ") if look else -1 for look in looks]
+    fullest = looks[named.index(max(named))]
+    kept = "\n".join(_of_mesh(list(_tables_of(ready_text)), fullest))
     is_open = raw.get("fit", {}).keys().isdisjoint({"searched", "parametrisation"})
     searched = [SEARCHED] if "protocol" in raw and is_open else []
     return "\n".join([*own, found.study_text, kept, *searched])
@@ -286,15 +274,6 @@ def _tables_of(text: str, without: Sequence[str] = OF_PRESSES) -> Iterator[str]:
             block = []
         if block or line.startswith("["):
             block.append(line)
-
-
-def n_simulations(folder: Path) -> int | None:
-    """Simulations of a ready study before the filters; None where its file does not say."""
-    try:
-        raw = tomllib.loads((folder / "study.toml").read_text(encoding="utf-8"))
-        return len(raw["spot"]) * int(raw["sampling"]["n_sets"])
-    except (OSError, ValueError, KeyError, TypeError):
-        return None
 
 
 def copy_study(source: Path, folder: Path) -> None:

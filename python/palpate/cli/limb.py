@@ -59,13 +59,10 @@ def limb(context: typer.Context, study: StudyPath, as_json: AsJson = False) -> N
     if as_json:
         session.json(rows)
     elif rows:
+        sets = (", ".join(f"{name} {n}" for name, n in row["node_sets"].items()) for row in rows)
         cells = [
-            [
-                *(row[key] for key in ("spot", "n_nodes", "n_cells")),
-                ", ".join(row["regions"]),
-                ", ".join(f"{name} {size}" for name, size in row["node_sets"].items()),
-            ]
-            for row in rows
+            [row["spot"], row["n_nodes"], row["n_cells"], ", ".join(row["regions"]), of_row]
+            for row, of_row in zip(rows, sets, strict=True)
         ]
         session.table("Limbs", ["spot", "nodes", "cells", "regions", "node sets"], cells)
     else:

@@ -13,9 +13,10 @@ from pydantic import ConfigDict, Field, TypeAdapter, with_config
 from typing_extensions import TypedDict
 
 from palpate.domain.component import Component
+from palpate.limb.outer_surface import SurfaceShares
 from palpate.plugins.table import StageTable
 
-VERSION = 4
+VERSION = 5
 """Version of all that is described here."""
 
 Number = float | None
@@ -44,14 +45,6 @@ class SearchOutput(Closed):
     searched: list[Searched]
 
 
-class SurfaceOutput(Closed):
-    """Shares of the area of a limb's outer surface, 0 to 1; ``free`` is neither fixed nor in contact."""
-
-    fixed: float
-    contact: float
-    free: float
-
-
 class CheckOutput(Closed):
     """A study without mistakes; ``spots`` has the channels of each, ``warnings`` what is odd.
 
@@ -75,7 +68,7 @@ class CheckOutput(Closed):
     fit_seconds: Number
     solver: str
     scenarios: list[str]
-    surface: dict[str, SurfaceOutput]
+    surface: dict[str, SurfaceShares]
     remarks: dict[str, list[str]]
     warnings: list[str]
 
@@ -213,7 +206,6 @@ class TemplateRow(Closed):
 
     name: str
     plugin: str
-    simulations: int | None
     summary: str
 
 

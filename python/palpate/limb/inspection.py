@@ -2,8 +2,8 @@
 
 import json
 import re
-from collections.abc import Mapping, Sequence
-from dataclasses import replace
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import asdict, replace
 from pathlib import Path
 from typing import Any
 
@@ -21,8 +21,15 @@ from palpate.plugins.interfaces import LimbSource
 from palpate.plugins.optional import InspectedTable, Inspection
 from palpate.toml_text import toml_value
 
-LIMB_MM = (20.0, 2000.0)
-"""Longest side of the box around a limb's segment."""
+WORDS: Mapping[str, str] = {
+    "bone": "bone bones os femur tibia fibula humerus radius ulna patella skull vertebra vertebrae "
+    "sacrum scapula clavicle sternum mandible rib ribs talus calcaneus metacarpal metatarsal phalanx",
+    "part": "left right l r proximal distal shaft head neck cortical compact trabecular cancellous rigid "
+    "part region body solid volume mesh set elset material the of and",
+    "soft": "soft skin dermis fat adipose muscle muscles marrow tendon tendons ligament cartilage fascia "
+    "periosteum meniscus over above under below near around between without",
+}
+"""Words of names of regions: a bone's, words for its parts, and words that show that it is no bone."""
 UNITS_MM: Mapping[str, float] = {"mm": 1.0, "cm": 10.0, "m": 1000.0, "um": 0.001}
 SKIN = re.compile(r"contact|skin|press|outer|surface|touch|top|indent", re.IGNORECASE)
 FIXED = re.compile(r"fix|held|hold|bone|cut|support|clamp|encastre|base|bottom|anchor", re.IGNORECASE)
@@ -31,7 +38,7 @@ FIXED = re.compile(r"fix|held|hold|bone|cut|support|clamp|encastre|base|bottom|a
 def guessed_unit(points: FloatArray) -> tuple[str, str]:
     """Unit in which points are a limb's, and a finding if that is a guess; millimetres if no unit fits."""
     long = float(np.ptp(points, axis=0).max()) if len(points) else 0.0
-    fits = [unit for unit, mm in UNITS_MM.items() if LIMB_MM[0] <= long * mm <= LIMB_MM[1]]
+    fits = [unit for unit, mm in UNITS_MM.items() if 20.0 <= long * mm <= 2000.0]
     unit = fits[0] if fits else "mm"
     if not fits:
         return unit, f"it is {long:.4g} long, which is a limb in no unit; check the file, and set unit"
@@ -40,11 +47,22 @@ def guessed_unit(points: FloatArray) -> tuple[str, str]:
     return unit, f"it is {long:.4g} long, so its unit is taken to be {unit}; correct unit if that is wrong"
 
 
-def likely_sets(names: Sequence[str]) -> tuple[str | None, list[str]]:
-    """Name that is likely the skin's, and names that are likely supports, among names of sets."""
+def bones(names: Sequence[str]) -> tuple[list[str], list[str]]:
+    """Names that are a bone's, and names that may be: they have other words too, such as forearm_bone."""
+    found: tuple[list[str], list[str]] = [], []
+    for name in names:
+        words = [word.lower() for word in re.findall(r"[A-Z]?[a-z]+|[A-Z]+(?![a-z])", name)]
+        kinds = {next((kind for kind, of in WORDS.items() if word in of.split()), "") for word in words}
+        if "bone" in kinds and "soft" not in kinds:
+            found["" in kinds].append(name)
+    return found
+
+
+def likely_sets(names: Sequence[str], regions: Sequence[str] = ()) -> tuple[str | None, list[str]]:
+    """Name that is likely the skin's, and names that are likely supports, else bone among the regions."""
     skins = ["contact"] if "contact" in names else sorted(filter(SKIN.search, names), key=len)
     held = [name for name in names if FIXED.search(name) and name not in skins[:1]]
-    return next(iter(skins), None), ["fixed"] if "fixed" in held else held
+    return next(iter(skins), None), ["fixed"] if "fixed" in held else held or bones(regions)[0]
 
 
 def region_name(text: str) -> str:
@@ -61,7 +79,8 @@ def inspected(
     findings: Sequence[str],
 ) -> Inspection:
     """Inspection of a mesh file with the settings that a source proposes, after reading it with them."""
-    found, limb, shown, rigid = dict.fromkeys(findings), None, list(tables), list[str]()
+    found, shown, spots = dict.fromkeys(findings), list(tables), list[Spot]()
+    limb, of_bone = None, bones(())
     if supports:
         rows = [(each.name, " ".join(each.axes), str(len(each.nodes))) for each in supports]
         shown.append(
@@ -69,56 +88,78 @@ def inspected(
         )
     try:
         limb = source(source.Settings.model_validate(settings)).load(path, Spot(name=path.stem))
-        bone = re.compile("(?i)bone|femur|tibia|fibula|humer|radius|ulna|patella|skull|vertebra")
-        limb = placed(tidied(limb, rigid=(rigid := list(filter(bone.search, limb.mesh.regions)))))
-        if limb.spot.position_mm.any():
-            where = "the origin is not on the skin, so the spot is where the skin's nodes are densest"
-            found[f"{where}; correct position and normal if the tool pressed elsewhere"] = None
+        of_bone = bones(limb.mesh.regions)
+        limb = tidied(limb, rigid=of_bone[0])
+        if spots := places(limb):
+            limb = replace(limb, spot=spots[0])
+        found |= dict.fromkeys(questions(spots, of_bone[1]))
         check_limb(limb, limb.mesh.regions)
         found |= dict.fromkeys((*limb.remarks, *limb.warnings, *partly_fixed(limb.mesh)))
         shown.append(_sets(limb))
     except MeshError as error:
         found[f"these tables do not read it yet: {str(error).removeprefix(f'{path}: ')}"] = None
-    shares = None if limb is None else surface_shares(limb.mesh)
     return Inspection(
         tables=tuple(shown),
         findings=tuple(found),
-        study_text=study_text(path, source.name, settings, limb, rigid),
+        study_text=study_text(path, source.name, settings, spots, of_bone),
         record={
             "source": source.name,
             "settings": dict(settings),
             "findings": list(found),
             "tables": {t.title: [dict(zip(t.columns, row, strict=True)) for row in t.rows] for t in shown},
-            "surface": None
-            if shares is None
-            else {"fixed": shares.fixed, "contact": shares.contact, "free": shares.free},
+            "surface": None if limb is None else asdict(surface_shares(limb.mesh)),
         },
         limb=limb,
     )
 
 
-def placed(limb: Limb) -> Limb:
-    """Limb whose spot is the origin if that is on its skin, else where the skin's nodes are densest."""
+def places(limb: Limb) -> list[Spot]:
+    """Spot at the origin if that is on the skin, else spots where the skin's nodes are densest."""
     mesh = limb.mesh
     contact = mesh.node_sets.get("contact", np.empty(0, dtype=np.int64))
     if not contact.size:
-        return limb
+        return []
     points, extent = mesh.points_mm[contact], float(np.ptp(mesh.points_mm, axis=0).max())
-    tree, target = scipy.spatial.KDTree(points), np.zeros(3)
-    if tree.query(target)[0] >= 0.02 * extent:
+    tree, targets = scipy.spatial.KDTree(points), [np.zeros(3)]
+    if tree.query(targets[0])[0] >= 0.02 * extent:
         # A mesh is finest under its indenter; of a uniform one this is the middle of the skin.
         near = tree.query_ball_point(points, 0.1 * extent, return_length=True)
-        target = points[near >= 0.8 * near.max()].mean(axis=0)
-    middle, normal = contact[tree.query(target)[1]], np.zeros(3)
-    for kind, cells in mesh.cells.items():
-        faces = outer_faces(kind, cells)
-        here = mesh.points_mm[faces[(faces == middle).any(axis=1), : CELLS[kind].n_face_corners]]
-        if len(here):
-            normal += np.cross(here[:, 1] - here[:, 0], here[:, -1] - here[:, 0]).sum(axis=0)
-    if not normal.any() or (not target.any() and normal[2] > 0.99 * np.linalg.norm(normal)):
-        return limb
-    position = mesh.points_mm[middle] if target.any() else target
-    return replace(limb, spot=Spot(name=limb.spot.name, position_mm=position, normal=normal))
+        dense = points[near >= 0.8 * near.max()]
+        some = scipy.spatial.KDTree(dense[:: 1 + len(dense) // 1000])
+        apart = np.asarray(some.query(some.data, k=[2])[0]).max()
+        joined = some.sparse_distance_matrix(some, max(0.1 * extent, 2.0 * apart))
+        patches = scipy.sparse.csgraph.connected_components(joined)[1]
+        sizes = np.bincount(patches)
+        large = (k for k in np.argsort(-sizes) if 3 * sizes[k] >= sizes.max())
+        targets = [some.data[patches == k].mean(axis=0) for k in large]
+    spots = []
+    for target in targets:
+        middle, normal = contact[tree.query(target)[1]], np.zeros(3)
+        for kind, cells in mesh.cells.items():
+            faces = outer_faces(kind, cells)
+            here = mesh.points_mm[faces[(faces == middle).any(axis=1), : CELLS[kind].n_face_corners]]
+            if len(here):
+                normal += np.cross(here[:, 1] - here[:, 0], here[:, -1] - here[:, 0]).sum(axis=0)
+        if normal.any():
+            if not target.any() and normal[2] > 0.99 * np.linalg.norm(normal):
+                return [limb.spot]
+            position = mesh.points_mm[middle] if target.any() else target
+            spots.append(Spot(name=limb.spot.name, position_mm=position, normal=normal))
+    return spots
+
+
+def questions(spots: Sequence[Spot], regions: Sequence[str]) -> Iterator[str]:
+    """Questions about the place of the spot, if that is a guess, and about regions that may be bone."""
+    where = f"in spot '{spots[0].name}' the origin is not on the skin" if spots else ""
+    if len(spots) > 1:
+        yield f"answer first: where did the tool press? {where}; the mesh is finest at {len(spots)} places"
+    elif spots and spots[0].position_mm.any():
+        yield (
+            f"answer first: is the spot right? {where}, so the spot is where the mesh is finest; correct "
+            "position and normal if the tool pressed elsewhere"
+        )
+    for name in regions:
+        yield f"answer first: is region '{name}' bone? If it is, add it to rigid under [limb]"
 
 
 def _sets(limb: Limb) -> InspectedTable:
@@ -131,15 +172,20 @@ def _sets(limb: Limb) -> InspectedTable:
     return InspectedTable(title="As these tables read it", columns=("what", "name", "size"), rows=tuple(rows))
 
 
-def study_text(path: Path, name: str, settings: Mapping[str, Any], limb: Limb | None, bone: list[str]) -> str:
-    """Tables of study.toml that read a mesh; the spot's place if it is not the origin with the normal +z."""
+def study_text(
+    path: Path, name: str, settings: Mapping[str, Any], spots: Sequence[Spot], of_bone: Sequence[list[str]]
+) -> str:
+    """Tables of study.toml that read a mesh, with its questions; places among several are comments."""
     lines = ["[[spot]]", f"name = {json.dumps(path.stem)}", f"mesh = {json.dumps(path.as_posix())}"]
-    if limb and ((spot := limb.spot).position_mm.any() or (spot.normal != [0.0, 0.0, 1.0]).any()):
-        lines += [
-            f"position = {[f'{x:.6g} mm' for x in spot.position_mm]}".replace("'", '"'),
-            f"normal = {np.round(spot.normal, 6).tolist()}",
-        ]
-    lines += ["", "[limb]", f'source = "{name}"', *([f"rigid = {toml_value(bone)}"] if bone else [])]
+    lines += [f"# {question}" for question in questions(spots, ())]
+    for spot in spots:
+        if spot.position_mm.any() or (spot.normal != [0.0, 0.0, 1.0]).any():
+            position = f"position = {toml_value([f'{x:.6g} mm' for x in spot.position_mm])}"
+            normal = f"normal = {np.round(spot.normal, 6).tolist()}"
+            lines += (f"{'# ' if len(spots) > 1 else ''}{line}" for line in (position, normal))
+    rigid = [f"rigid = {toml_value(of_bone[0])}"] if of_bone[0] else []
+    asked = (f"# {question}" for question in questions((), of_bone[1]))
+    lines += ["", "[limb]", f'source = "{name}"', *rigid, *asked]
     if settings:
         lines += ["", "[limb.settings]", *(f"{key} = {toml_value(value)}" for key, value in settings.items())]
     return "\n".join([*lines, ""])

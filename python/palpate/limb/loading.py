@@ -1,7 +1,7 @@
 """Limbs of a study: made by its limb source, checked, and refined under the indenter."""
 
 import functools
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Set
 from dataclasses import replace
 from pathlib import Path
 
@@ -39,7 +39,7 @@ def load_limbs(study: Study, *, to_show: bool = False) -> dict[str, Limb]:
     """
     if not study.solver.provides.mesh:
         return {}
-    limbs = {}
+    limbs, there = dict[str, Limb](), set[str]()
     meshes = {spot.spot.name: spot.mesh for spot in study.spots if spot.mesh is not None}
     for region in study.space.regions:
         if isinstance(region.material, AnisotropicMaterial) and not region.material.fields:
@@ -52,11 +52,12 @@ def load_limbs(study: Study, *, to_show: bool = False) -> dict[str, Limb]:
             )
         for name, path in spot.meshes.items():
             if not to_show or (name == spot.spot.name and path.is_file()):
-                limbs[name] = _load(study, spot.spot, path)
+                limbs[name], regions = _load(study, spot.spot, path)
+                there |= regions
         if not to_show and (fine := finer_limb(study, spot, limbs)):
             limbs[f"{spot.spot.name}{FINE}"] = fine
     if limbs.keys() >= set(study.spot_names):
-        _check_every_region(study, limbs)
+        _check_every_region(study, limbs, there)
     return limbs
 
 
@@ -162,24 +163,30 @@ def refinement(study: Study, limbs: Mapping[str, Limb]) -> dict[str, Refinement]
     return found
 
 
-def _load(study: Study, spot: Spot, path: Path) -> Limb:
+def _load(study: Study, spot: Spot, path: Path) -> tuple[Limb, frozenset[str]]:
+    """Limb of a mesh, and the regions of the mesh, rigid ones too."""
     if study.limb_source is None:
         raise StudyError(f"{study.file}: no [limb] table to read {path} by; add one")
     with answering_for(study.limb_source, f"reading {path}"):
-        limb = study.limb_source.load(path, spot)
-        if not isinstance(limb, Limb):
-            raise TypeError(f"it returned a {type(limb).__name__} and not a Limb")
+        read = study.limb_source.load(path, spot)
+        if not isinstance(read, Limb):
+            raise TypeError(f"it returned a {type(read).__name__} and not a Limb")
     try:
-        limb = tidied(limb, linear=study.meshes.linear, rigid=study.meshes.rigid)
+        limb = tidied(read, linear=study.meshes.linear, rigid=study.meshes.rigid)
         check_limb(limb, [region.region for region in study.space.regions])
         if isinstance(protocol := study.protocol_at(spot.name), Indentation):
             check_depth(limb, protocol)
-        return with_fields(limb, study.space.regions)
+        return with_fields(limb, study.space.regions), read.mesh.used_regions
     except MeshError as error:
         raise MeshError(f"{path}: {error}") from error
 
 
-def _check_every_region(study: Study, limbs: Mapping[str, Limb]) -> None:
+def _check_every_region(study: Study, limbs: Mapping[str, Limb], there: Set[str]) -> None:
+    if absent := [name for name in study.meshes.rigid if name not in there]:
+        raise MeshError(
+            f"no mesh has region '{absent[0]}', which rigid under [limb] names; correct its name (regions "
+            f"of the meshes: {', '.join(sorted(there))})"
+        )
     used = frozenset[str]().union(*(limb.mesh.used_regions for limb in limbs.values()))
     for region in study.space.regions:
         if region.region not in used:
@@ -193,20 +200,17 @@ def limb_warnings(study: Study, limbs: Mapping[str, Limb]) -> list[str]:
     """Warnings about the limbs, each a sentence."""
     found = []
     for name, limb in limbs.items():
-        here = limb.mesh.used_regions
+        is_fine, here = name not in study.spot_names, limb.mesh.used_regions
         absent = [region.region for region in study.space.regions if region.region not in here]
-        if absent and name in study.spot_names:
+        if absent and not is_fine:
             found.append(
                 f"spot '{name}' has no region {', '.join(absent)}: its parameters change nothing there"
             )
-        if name in study.spot_names:
-            supports = (*limb.warnings, *partly_fixed(limb.mesh))
-            found.extend(f"spot '{name}': {text}" for text in supports)
-        found.extend(f"spot '{name}': {hole}" for hole in holes(limb.mesh))
+        supports = () if is_fine else (*limb.warnings, *partly_fixed(limb.mesh))
+        found.extend(f"spot '{name}': {text}" for text in (*supports, *holes(limb.mesh)))
         found.extend(_coarse(study, name, limb))
-        if name in study.spot_names:
-            found.extend(_wide(study, limb))
-            found.extend(_layers(study, limb))
+        if not is_fine:
+            found.extend((*_wide(study, limb), *_layers(study, limb)))
     return found
 
 

@@ -19,11 +19,7 @@ class SurfaceShares:
 
     fixed: float
     contact: float
-
-    @property
-    def free(self) -> float:
-        """Share that is neither fixed nor in contact."""
-        return max(0.0, 1.0 - self.fixed - self.contact)
+    free: float
 
     def __str__(self) -> str:
         return f"{100 * self.fixed:.0f} %, {100 * self.contact:.0f} %, {100 * self.free:.0f} %"
@@ -37,8 +33,9 @@ def surface_shares(mesh: Mesh) -> SurfaceShares:
         area = np.linalg.norm(np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]), axis=1)
         area = area.reshape(-1, len(faces)).sum(axis=0)
         fixed, contact = (_mask(mesh, name)[faces].all(axis=1) for name in ("fixed", "contact"))
-        areas += [area[fixed].sum(), area[contact & ~fixed].sum(), area.sum()]
-    return SurfaceShares(fixed=float(areas[0] / areas[2]), contact=float(areas[1] / areas[2]))
+        areas += [area[of].sum() for of in (fixed, contact & ~fixed, ~contact & ~fixed)]
+    fixed_share, contact_share, free = (areas / areas.sum()).tolist()
+    return SurfaceShares(fixed=fixed_share, contact=contact_share, free=free)
 
 
 def partly_fixed(mesh: Mesh) -> Iterator[str]:

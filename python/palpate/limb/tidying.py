@@ -6,7 +6,6 @@ from dataclasses import replace
 import numpy as np
 
 from palpate.domain import BoolArray, Limb, Mesh
-from palpate.errors import MeshError
 from palpate.mesh.midside_nodes import can_be_quadratic, quadratic
 from palpate.mesh.topology import CELLS
 
@@ -22,15 +21,17 @@ def tidied(limb: Limb, *, linear: bool = False, rigid: Sequence[str] = ()) -> Li
     linear : bool
         Four-node tetrahedra stay as they are.
     rigid : sequence of str
-        Regions that do not deform: their nodes are fixed, and their elements left out.
+        Regions that do not deform: their nodes are fixed, and their elements left out. A mesh may lack some.
     """
     mesh = limb.mesh
     if not _is_sound(mesh):
         return limb  # the checks name what is wrong
     remarks, warnings = list(limb.remarks), list(limb.warnings)
-    if rigid:
-        mesh = _without(mesh, rigid)
-        remarks.append(f"{', '.join(rigid)} rigid: their nodes are fixed, and their elements left out")
+    if held := [name for name in rigid if name in mesh.used_regions]:
+        mesh = _without(mesh, held)
+        remarks.append(f"{', '.join(held)} rigid: their nodes are fixed, and their elements left out")
+    if absent := [name for name in rigid if name not in held]:
+        remarks.append(f"no region {', '.join(absent)} in this mesh: nothing is fixed by rigid there")
     used = np.zeros(mesh.n_nodes, dtype=np.bool_)
     for cells in mesh.cells.values():
         used[cells] = True
@@ -77,9 +78,6 @@ def _is_sound(mesh: Mesh) -> bool:
 
 def _without(mesh: Mesh, rigid: Sequence[str]) -> Mesh:
     """Mesh without the elements of some regions, all nodes of which are fixed."""
-    if unknown := sorted(set(rigid) - {*mesh.regions}):
-        what = f"mesh: no region '{unknown[0]}' (there: {', '.join(mesh.regions)})"
-        raise MeshError(f"{what}, which rigid under [limb] names; correct its name")
     is_rigid = np.isin(mesh.regions, rigid)
     soft = {kind: ~is_rigid[regions] for kind, regions in mesh.cell_regions.items()}
     held = [cells[~soft[kind]].ravel() for kind, cells in mesh.cells.items()]

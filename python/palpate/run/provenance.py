@@ -92,7 +92,9 @@ class StageRecords:
         """True if a stage has been run, and none of those that it needs has changed its files since."""
         recorded, every = self._entry(stage).get("made_from"), self._read()
         return recorded is not None and all(
-            recorded.get(results_of(need), now) == now for need in every if (now := self.fingerprint(need))
+            recorded.get(f"results of `palpate {need}`", now) == now
+            for need in every
+            if (now := self.fingerprint(need))
         )
 
     def fingerprint(self, stage: str) -> str:
@@ -118,11 +120,6 @@ class StageRecords:
 
 def _table(content: Any) -> dict[str, Any]:  # noqa: ANN401 - whatever the file holds
     return content if isinstance(content, dict) else {}
-
-
-def results_of(stage: str) -> str:
-    """Name in messages of what a stage has found."""
-    return f"results of `palpate {stage}`"
 
 
 def fingerprint(value: object) -> str:

@@ -5,7 +5,7 @@ It may cost as much as a simulation, so only sets that were selected are verifie
 
 import contextlib
 import hashlib
-from collections.abc import Iterator, Mapping
+from collections.abc import Mapping
 from typing import Any
 
 import polars as pl
@@ -46,7 +46,9 @@ def verify(
     """
     if not isinstance(study.solver, Verifier):
         return pl.DataFrame()
-    found = stored(study, design, limbs, measured, run.folder, set(_selected(run)))
+    frames = (run.table(name) for name in ("selection", "generalisation"))
+    wanted = {SimulationId._make(r) for f in frames if len(f) for r in f.select("spot", "set_id").iter_rows()}
+    found = stored(study, design, limbs, measured, run.folder, wanted)
     known = _known(run)
     rows: list[dict[str, Any]] = []
     progress.begin("verify", len(found))
@@ -55,8 +57,7 @@ def verify(
             raise StoppedError(
                 f"stopped while verifying the selected sets; `palpate run {run.folder}` continues"
             )
-        limb = limbs.get(simulation.job.limb_name)
-        key = _key(study, simulation, limb)
+        key = _key(study, simulation, limb := limbs.get(simulation.job.limb_name))
         row = known.get(key) or _row(study.solver, simulation, limb, key)
         if row is not None:
             if row["key"]:  # jobs that differ only in name have one result
@@ -74,12 +75,6 @@ def _known(run: RunDirectory) -> dict[str, dict[str, Any]]:
     with contextlib.suppress(StudyError):
         return {row["key"]: row for row in run.table("verification").iter_rows(named=True) if row["key"]}
     return {}
-
-
-def _selected(run: RunDirectory) -> Iterator[SimulationId]:
-    for frame in (run.table("selection"), run.table("generalisation")):
-        if not frame.is_empty():
-            yield from map(SimulationId._make, frame.select("spot", "set_id").iter_rows())
 
 
 def _key(study: Study, simulation: Simulation, limb: Limb | None) -> str:

@@ -17,6 +17,7 @@ from palpate.mesh.specimens.blocks import block
 from palpate.plugins.interfaces import LimbSource, Solver
 from palpate.plugins.provides import Provides
 from palpate.stages import pipeline
+from palpate.study.model import LimbTable
 
 CUBE = np.array(
     [[0, 0, 0], [1, 0, 0], [1, 1, 0], [0, 1, 0], [0, 0, 1], [1, 0, 1], [1, 1, 1], [0, 1, 1]], dtype=float
@@ -343,6 +344,31 @@ def test_spots_of_different_anatomy_share_a_study(make_study, tissue, tmp_path):
         MeshError, match=r"region 'fat' has a material but no element that deforms in any mesh; .*: muscle\)"
     ):
         load_limbs(replace(both, spots=spots[:1]))
+
+
+def test_a_rigid_region_is_in_one_mesh_at_least(make_study, tissue, tmp_path):
+    class Meshed(tissue.Analytic):
+        provides = Provides()
+
+    class Named(Source):
+        def load(self, path, spot):
+            made = block("hex8", n_across=2, n_down=2, layers_mm={"soft_tissue": 9.0})
+            lower = "bone" if path.stem == "p1" else "soft_tissue"
+            regions = ("soft_tissue", lower) if lower == "bone" else ("soft_tissue",)
+            ids = {"hex8": np.minimum(made.mesh.cell_regions["hex8"], len(regions) - 1)}
+            return replace(made, spot=spot, mesh=replace(made.mesh, regions=regions, cell_regions=ids))
+
+    table = LimbTable(source="", rigid=["bone"])
+    study = replace(make_study(solver=Meshed(), limb_source=Named(), protocol=None), meshes=table)
+    spots = [
+        replace(s, mesh=tmp_path / f"{s.spot.name}.vtu", spot=Spot(name=s.spot.name)) for s in study.spots
+    ]
+    limbs = load_limbs(replace(study, spots=tuple(spots[:2])))
+    assert limbs["p1"].mesh.regions == ("soft_tissue",)
+    assert limbs["p1"].mesh.n_cells < limbs["p2"].mesh.n_cells
+    assert "no region bone in this mesh: nothing is fixed by rigid there" in limbs["p2"].remarks
+    with pytest.raises(MeshError, match=r"no mesh has region 'bone', which rigid under .*: soft_tissue\)"):
+        load_limbs(replace(study, spots=tuple(spots[1:2])))
 
 
 def test_check_prints_warnings_about_a_limb(make_study, tissue, plugins, tmp_path):

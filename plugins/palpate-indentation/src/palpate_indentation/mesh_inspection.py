@@ -31,7 +31,7 @@ def inspect_mesh(path: Path, content: MeshFile, source: type[LimbSource[Any]]) -
             f"regions are numbers alone in the file: rename {', '.join(numbered)} under regions, and name "
             "bone as rigid under [limb]"
         )
-    sets = _node_sets(content, findings)
+    sets = _node_sets(content, [*map(str, settings.get("regions", {}).values())], findings)
     if sets:
         settings["node_sets"] = sets
     if settings == {"regions": {"soft_tissue": 0}}:
@@ -79,15 +79,16 @@ def _covering(content: MeshFile, volume: list[int]) -> list[str]:
     return chosen if taken.size and taken.all() else []
 
 
-def _node_sets(content: MeshFile, findings: list[str]) -> dict[str, Any]:
-    """Node sets of the skin and of what is fixed, by names that say so."""
-    contact, held = likely_sets(_names(content))
+def _node_sets(content: MeshFile, groups: list[str], findings: list[str]) -> dict[str, Any]:
+    """Node sets of the skin and of what is fixed, by names that say so; else bone among groups is fixed."""
+    contact, held = likely_sets(_names(content), groups)
     fixed: Any = held[0] if len(held) == 1 else held
     if contact is None:
         findings.append("no set of nodes has the name of a skin; name the pressed surface as `contact`")
-    if not held and not content.supports:
+    if not content.supports and {*held} <= {*groups}:
+        so = f"only {', '.join(held)} is fixed; if the cuts are held too, " if held else ""
         plane = 'fixed = { normal = [0, 0, 1], at = "… mm" }'
-        held_nodes = f"name held nodes as `fixed`, or give their plane under node_sets: {plane}"
+        held_nodes = f"{so}name held nodes as `fixed`, or give their plane under node_sets: {plane}"
         findings.append(f"no set of nodes has the name of a support; {held_nodes}")
     if contact in (None, "contact") and (content.supports or fixed in ([], "fixed")):
         return {}

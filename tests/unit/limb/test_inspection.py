@@ -1,0 +1,74 @@
+"""Regions with the name of a bone are rigid, and the spot is where the mesh is finest; else it is asked."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from palpate.limb.inspection import bones, likely_sets, places
+from palpate.mesh.specimens import block
+
+BONES = (
+    *(
+        "bone",
+        "Bones",
+        "BONE-1",
+        "bone_2",
+        "Tibia",
+        "left_tibia",
+        "FemurLeft",
+        "ulna_and_radius",
+        "tibia_shaft",
+    ),
+    *(
+        "cortical bone",
+        "rigid_bone",
+        "PART-FEMUR-1",
+        "head of the femur",
+        "patella",
+        "L_Humerus",
+        "vertebra_4",
+    ),
+)
+ASKED = ("forearm_bone", "skull_base", "bone_cement", "no_bone", "bone_tissue", "stump bone")
+SOFT = (
+    *(
+        "bone_marrow",
+        "skin_over_radius",
+        "fat_near_tibia",
+        "BoneMarrow",
+        "tibialis_anterior",
+        "quadratus_femoris",
+    ),
+    *("extensor carpi ulnaris", "fibularis_longus", "patellar_ligament", "soft_tissue", "muscle around bone"),
+    *("skin", "trombone", "carbonea", "tissue", "3", ""),
+)
+
+
+@pytest.mark.parametrize("name", [*BONES, *ASKED, *SOFT])
+def test_a_bone_is_known_by_the_words_of_its_name(name):
+    assert bones([name]) == ([name] if name in BONES else [], [name] if name in ASKED else [])
+
+
+def test_bone_is_a_support_where_no_set_is():
+    regions = ["skin", "bone_marrow", "femur"]
+    assert likely_sets(["skin face"], regions) == ("skin face", ["femur"])
+    assert likely_sets(["skin face", "cuts"], regions)[1] == ["cuts"]
+
+
+@pytest.mark.parametrize("fine_x_mm", [(0.0,), (-12.0, 12.0)])
+def test_the_spot_is_at_each_place_where_the_mesh_is_finest(fine_x_mm):
+    """Nodes of the skin crowd at one or two places."""
+    limb = block("hex8", width_mm=60.0, n_across=30, n_down=2)
+    points = limb.mesh.points_mm.copy()
+    x = np.linspace(-30.0, 30.0, 4001)
+    density = 0.1 + sum(np.exp(-(((x - at) / 4.0) ** 2)) for at in fine_x_mm)
+    share = np.cumsum(density) / density.sum()
+    points[:, 0] = np.interp((points[:, 0] + 30.0) / 60.0, share, x)
+    density = 0.1 + np.exp(-((x / 4.0) ** 2))
+    points[:, 1] = np.interp((points[:, 1] + 30.0) / 60.0, np.cumsum(density) / density.sum(), x)
+    elsewhere = replace(limb, mesh=replace(limb.mesh, points_mm=points + np.array([0.0, 0.0, 80.0])))
+    found = sorted(spot.position_mm.tolist() for spot in places(elsewhere))
+    np.testing.assert_allclose(found, [[at, 0.0, 80.0] for at in fine_x_mm], atol=3.0)
+    (at_origin,) = places(replace(limb, mesh=replace(limb.mesh, points_mm=points)))
+    assert not at_origin.position_mm.any()
