@@ -9,7 +9,7 @@ import pytest
 from palpate.domain import ParameterSpace, Relaxation
 from palpate.fit.least_squares import LeastSquares
 from palpate.plugins.catalogue import Plugins
-from palpate.plugins.sections import Fold, Table, Word
+from palpate.plugins.sections import Fold, Table, Word, shown
 from palpate.study.reading import read_study
 from palpate_report.answer.card import answer, apart_from_joint, title_of
 from palpate_report.answer.failed_checks import apparent
@@ -17,6 +17,7 @@ from palpate_report.answer.law import typeset
 from palpate_report.answer.next_step import CAUSES, COLOURS
 from palpate_report.answer.result import Report, make_conclusion
 from palpate_report.answer.warnings import report_warnings
+from palpate_report.data.marks import rounded
 from palpate_report.data.tables import make_tables, printed
 from palpate_report.figures.drawings import interval_plot
 from palpate_report.figures.panels import budget_bars, colour_of
@@ -40,11 +41,13 @@ def passed(data):
     return with_tables(data, adequacy=fine, intervals=known, between_spots=pl.DataFrame())
 
 
-def test_spots_that_differ_have_a_mean_and_a_standard_deviation(fitted):
+def test_spots_that_differ_have_a_standard_deviation_with_the_digits_of_its_interval(fitted):
     (spots,) = (text for name, text in card(fitted).facts if name == "Spots")
     rows = fitted.leading_rows(fitted.table("between_spots"))
     assert rows["parameter"].to_list() == list(TRUTH)
-    assert "they differ, mean ± sd between spots (95 % interval of the sd): stiffness " in spots
+    for row in rows.to_dicts():
+        assert rounded(row["sd"], row["lower"], row["upper"]) in spots
+    assert "they differ, standard deviation between spots (95 % interval): stiffness = " in spots
     assert make_conclusion(fitted, {}).lines(fitted.study)["Spots"] in spots
 
 
@@ -63,7 +66,7 @@ def test_spots_that_differ_much_are_no_refusal(fitted):
     assert not found.failure
     assert found.lead.startswith("Mean of 2 spots that differ, fitted to force + torque (scenario I): ")
     least = min(row["r2_force"] for row in fine.fit.of_each_spot.filter(scenario="I").to_dicts())
-    assert f"each spot by its own fit, R² force at least {least:.4g}" in found.lead
+    assert f"each spot by its own fit, R² force at least {shown(least)}" in found.lead
     assert "no-fit" not in {warning.code for warning in report_warnings(far, {})}
     assert card(far).title.startswith("Spongy, the mean of 2 spots that differ: initial shear modulus ")
     # One spot that no values fit is a refusal.

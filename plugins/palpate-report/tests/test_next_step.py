@@ -180,7 +180,7 @@ def test_the_error_of_the_meshes_has_a_line_with_the_interval_that_it_decides_mo
     ]
     table = pl.DataFrame(rows).with_columns(shown_by=pl.lit("two meshes"))
     found = make_conclusion(with_tables(data, mesh_errors=table), {})
-    line = "0.9 % of torque, 0.3 % of force (two meshes), 58 % of the variance of grip"
+    line = "error 0.9 % in torque, 0.3 % in force (from two meshes); 58 % of the variance of grip"
     assert found.lines(data.study)["Mesh"] == line
     assert "Mesh" not in make_conclusion(data, {}).lines(data.study)
 

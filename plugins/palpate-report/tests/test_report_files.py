@@ -167,8 +167,8 @@ def test_numbers_are_short_where_they_are_read_and_whole_where_they_are_used(tmp
     )
     write_tables({"t": table}, tmp_path)
     assert "0.123456789,12,," in (tmp_path / "t.csv").read_text()
-    assert "| 0.1235 | 12 | – | inf | True |" in (tmp_path / "t.md").read_text()
-    assert r"$0.1235$ & $12$ & -- & $\infty$ & True \\" in (tmp_path / "t.tex").read_text()
+    assert "| 0.1235 | 12 | – | inf | yes |" in (tmp_path / "t.md").read_text()
+    assert r"$0.1235$ & $12$ & -- & $\infty$ & yes \\" in (tmp_path / "t.tex").read_text()
 
 
 def test_text_in_csv_is_no_formula_and_numbers_stay_numbers(tmp_path):

@@ -22,6 +22,7 @@ if TYPE_CHECKING:
         Table as Table,
         Word as Word,
         heading as heading,
+        shown as shown,
     )
     from palpate.simulation.processor_time import COST_HEADS as COST_HEADS, cost_rows as cost_rows
 

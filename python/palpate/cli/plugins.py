@@ -146,12 +146,10 @@ def _show_one(session: Session, entry: dict[str, Any]) -> None:
             session.table(key.capitalize(), list(rows[0]), [list(row.values()) for row in rows])
 
 
-def _shown(value: Any) -> str:  # noqa: ANN401 -- a field of a declaration
-    if value is None:
-        return "any"
-    if isinstance(value, bool):
-        return "yes" if value else "no"
-    return ", ".join(value) or "none" if isinstance(value, tuple) else str(value)
+def _shown(value: Any) -> Any:  # noqa: ANN401 -- a field of a declaration
+    if isinstance(value, tuple):
+        return ", ".join(value) or "none"
+    return "any" if value is None else value
 
 
 def new_plugin(

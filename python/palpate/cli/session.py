@@ -196,10 +196,10 @@ class Session:
 
     def frame(self, title: str, frame: "pl.DataFrame") -> None:
         """Print a data frame as a table; a wide one of few rows is transposed."""
-        from palpate.plugins.sections import heading
+        from palpate.plugins.sections import heading, shown
 
         heads = tuple(map(heading, frame.columns))
-        rows = [tuple(map(cell, row)) for row in frame.head(MAX_ROWS).rows()]
+        rows = [tuple(map(shown, row)) for row in frame.head(MAX_ROWS).rows()]
         widths = [max(map(len, column)) + 3 for column in zip(heads, *rows, strict=True)]
         if sum(widths) > self.stdout.width and len(rows) <= 6:
             heads, *rows = zip(heads, *rows, strict=True)
@@ -208,15 +208,17 @@ class Session:
             self.say(f"… {frame.height - MAX_ROWS} more rows")
 
     def table(self, title: str, columns: Sequence[str], rows: Iterable[Sequence[object]]) -> None:
-        """Print a table; each value as :func:`cell` shows it."""
+        """Print a table; each value as :func:`shown` prints it."""
         from rich import box
         from rich.table import Table
+
+        from palpate.plugins.sections import shown
 
         table = Table(title=title, box=box.SIMPLE_HEAD, title_justify="left", title_style="bold")
         for column in columns:
             table.add_column(_escaped(column), overflow="fold")
         for row in rows:
-            table.add_row(*(_escaped(cell(value)) for value in row))
+            table.add_row(*(_escaped(shown(value)) for value in row))
         self.stdout.print(table)
 
 
@@ -284,15 +286,3 @@ def _escaped(text: str) -> str:
     from rich.markup import escape
 
     return escape(text)
-
-
-def cell(value: object) -> str:
-    """Text of a value in a table: six digits, a dash for nothing."""
-    match value:
-        case None:
-            return "–"
-        case float():
-            # The least positive number is how an open lower limit of zero is written.
-            return "> 0" if value == sys.float_info.min else f"{value:.6g}"
-        case _:
-            return str(value)

@@ -4,14 +4,16 @@ A section is data: paragraphs, tables, figures and pictures, which the page lays
 It has no markup and no script, so that the page runs nothing but its own and loads nothing.
 """
 
+import sys
 from abc import abstractmethod
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
-from typing import Any, ClassVar
-
-import polars as pl
+from typing import TYPE_CHECKING, Any, ClassVar
 
 from palpate.domain.component import Component, SettingsT
+
+if TYPE_CHECKING:
+    import polars as pl
 
 Value = str | int | float | bool | None
 
@@ -31,7 +33,7 @@ class Lines:
 
 
 Cell = Value | Word | Lines
-"""What a cell of a table may be; numbers are shown with four digits, None as a dash."""
+"""Content of a cell of a table, as :func:`shown` prints it."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -71,7 +73,7 @@ class Table:
     strong: frozenset[int] = frozenset()
 
     @classmethod
-    def of(cls, caption: str, frame: pl.DataFrame) -> "Table":
+    def of(cls, caption: str, frame: "pl.DataFrame") -> "Table":
         """Show a data frame; its columns are named for people: ``nmse_force`` is NMSE force."""
         return cls(caption, [heading(column) for column in frame.columns], frame.rows())
 
@@ -227,6 +229,15 @@ def heading(column: str) -> str:
     return " ".join(_WORDS.get(word, word) for word in name.split("_")) + unit
 
 
+def shown(value: object) -> str:
+    """Text of a value for people: four digits, not rounded up to 1; a dash for what is missing."""
+    # The least positive number is how an open lower limit of zero is written.
+    words = {"None": "–", "nan": "–", "True": "yes", "False": "no", f"{sys.float_info.min:.4g}": "> 0"}
+    value = 0.9999 if isinstance(value, float) and 0.9999 < value < 1.0 else value
+    text = f"{value:.4g}" if isinstance(value, float) else str(value)
+    return text if isinstance(value, str) else words.get(text, text)
+
+
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Summary:
     """Results of a stage, as the terminal and the page show them.
@@ -247,7 +258,7 @@ class Summary:
 
     lines: Sequence[str] = ()
     labelled: Mapping[str, str] = field(default_factory=dict)
-    tables: Mapping[str, pl.DataFrame] = field(default_factory=dict)
+    tables: "Mapping[str, pl.DataFrame]" = field(default_factory=dict)
     figures: Sequence[Figure] = ()
     values: Mapping[str, Any] = field(default_factory=dict)
     missing: str = ""

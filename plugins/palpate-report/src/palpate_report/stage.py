@@ -9,11 +9,11 @@ import polars as pl
 from palpate.api import Channel, Progress, Response, Run, Stage, StudyError, Summary
 from palpate.api.cli import Closed, IntervalOutput, Row
 from palpate.api.fit import ALL_SPOTS, Case, mark_of
+from palpate.api.report import shown
 from palpate.api.runs import Files, Study, described
 from palpate_report.answer.result import Report, equation
 from palpate_report.data.display_units import in_display_units
 from palpate_report.data.marks import in_words
-from palpate_report.data.table_files import shown
 from palpate_report.from_run import report_data, show_so_far, written
 from palpate_report.settings import ReportSettings
 

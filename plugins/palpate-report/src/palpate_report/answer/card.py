@@ -5,7 +5,7 @@ from dataclasses import dataclass
 
 from palpate.api import ParameterName, ParameterSpace
 from palpate.api.fit import EFFECTIVE, MODULI, NO_FIT_R2
-from palpate.api.report import ReportWarning
+from palpate.api.report import ReportWarning, shown
 from palpate_report.answer.headline import between_spots
 from palpate_report.answer.law import laws_of, searched_laws
 from palpate_report.answer.model_verdict import least_r2
@@ -141,7 +141,7 @@ def quality(data: ReportData) -> str:
     for channel, (r2, spot) in least_r2(data).items():
         word = "good" if r2 >= GOOD_R2 else "poor" if r2 >= NO_FIT_R2 else "no fit"
         least = f" at {spot} (the least)" if len(data.spots) > 1 else ""
-        found.append(f"{channel}: {word}, R² {r2:.4g}{least}")
+        found.append(f"{channel}: {word}, R² {shown(r2)}{least}")
     return "; ".join(found)
 
 

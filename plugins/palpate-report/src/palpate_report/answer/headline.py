@@ -40,17 +40,14 @@ def _holds(value: Headline, truth: float) -> bool:
 
 
 def between_spots(data: ReportData) -> str:
-    """Sentence on spots that differ: mean ± standard deviation of each parameter; empty where none do."""
+    """Sentence on spots that differ: standard deviation of each parameter; empty where none do."""
     rows = data.leading_rows(data.table("between_spots")).to_dicts()
     found = []
     for row in rows:
-        mean, sd = (rounded(row[key], 0.0, row["sd"]) for key in ("value", "sd"))
-        ends = f"{rounded(row['lower'])} to {rounded(row['upper'])}"
-        name = data.brief_name(row["parameter"])
-        found.append(f"{name} {with_unit(f'{mean} ± {sd}', row['unit'])} ({ends})")
-    return (
-        f"they differ, mean ± sd between spots (95 % interval of the sd): {'; '.join(found)}" if found else ""
-    )
+        ends = {key: row[key] for key in ("unit", "lower", "upper")}
+        found.append(str(Headline(parameter=data.brief_name(row["parameter"]), value=row["sd"], **ends)))
+    sd = "standard deviation between spots (95 % interval)"
+    return f"they differ, {sd}: {'; '.join(found)}" if found else ""
 
 
 # ----------------------------------------------------------------------- verdicts

@@ -9,7 +9,7 @@ import polars as pl
 
 from palpate.api import ParameterName, PluginError
 from palpate.api.fit import ALL_SPOTS, UNCLEAR, WORDS
-from palpate.api.report import ReportWarning, Section
+from palpate.api.report import ReportWarning, Section, shown
 from palpate.api.runs import Study, answering_for
 from palpate_report.answer.failed_checks import apparent, left_out
 from palpate_report.answer.headline import between_spots, holds_truth, missed_truth
@@ -218,7 +218,7 @@ def _mesh(data: ReportData) -> str:
     rows = errors.sort("relative_error", descending=True)
     worst = rows.unique("channel", keep="first", maintain_order=True)
     channels = ", ".join(
-        f"{100.0 * row['relative_error']:.1f} % of {in_words(row['channel'])}" for row in worst.to_dicts()
+        f"{100.0 * row['relative_error']:.1f} % in {in_words(row['channel'])}" for row in worst.to_dicts()
     )
     shown_by = ", ".join(worst["shown_by"].unique(maintain_order=True))
     shares = budget.filter(cause="mesh").drop_nulls("share").sort("share", descending=True)
@@ -226,7 +226,7 @@ def _mesh(data: ReportData) -> str:
         return ""
     parameter, share = shares.select("parameter", "share").row(0)
     of = data.brief_name(parameter)
-    return f"{channels} ({shown_by}), {100.0 * share:.0f} % of the variance of {of}"
+    return f"error {channels} (from {shown_by}); {100.0 * share:.0f} % of the variance of {of}"
 
 
 def _lead(data: ReportData) -> tuple[str, list[str], str]:
@@ -239,7 +239,7 @@ def _lead(data: ReportData) -> tuple[str, list[str], str]:
         if data.spots_differ(best.scenario):
             of, fopt = f"Mean of {len(data.spots)} spots that differ", "each spot by its own fit"
         least = "at least " if where == ALL_SPOTS else ""
-        r2 = [f"R² {name} {least}{at:.4g}" for name, (at, _) in least_r2(data).items()]
+        r2 = [f"R² {name} {least}{shown(at)}" for name, (at, _) in least_r2(data).items()]
         about = f"{of}, fitted to {best.fitted_to} (scenario {best.scenario})"
         return about, values, f"{', '.join([fopt, *r2])} ({best.found})"
     if data.generalisation.is_empty():

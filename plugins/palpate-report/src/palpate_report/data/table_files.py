@@ -11,6 +11,7 @@ import polars as pl
 
 from palpate.api.files import write_atomically
 from palpate.api.fit import explained, mark_of
+from palpate.api.report import shown
 from palpate_report.data.tables import TITLES, printed
 
 PREAMBLE = r"\usepackage{booktabs,graphicx}"
@@ -229,10 +230,3 @@ def _caption(name: str, table: pl.DataFrame, failures: Sequence[str] = ()) -> st
 def _latex_cell(value: object) -> str:
     is_number = isinstance(value, (int, float)) and not isinstance(value, bool)
     return number(shown(value)) if is_number else escaped(shown(value))
-
-
-def shown(value: object) -> str:
-    """Text of a value for people: four digits; a dash for what is missing."""
-    if value is None:
-        return "–"
-    return f"{value:.4g}" if isinstance(value, float) else str(value)

@@ -23,7 +23,7 @@ from markupsafe import Markup, escape
 
 from palpate.api import PluginError, Summary
 from palpate.api.files import write_atomically
-from palpate.api.report import Block, Choice, Figure, Fold, Paragraph, Picture, Table, heading
+from palpate.api.report import Block, Choice, Figure, Fold, Paragraph, Picture, Table, heading, shown
 from palpate.api.runs import answering_for, file_name
 from palpate_report.answer.card import answer
 from palpate_report.answer.law import typeset
@@ -31,7 +31,6 @@ from palpate_report.answer.result import Conclusion, Report, ordered
 from palpate_report.data.marks import with_minus
 from palpate_report.data.report_data import ReportData
 from palpate_report.data.showable import address, checked, figure_data, is_own
-from palpate_report.data.table_files import shown
 from palpate_report.page.page_data import page_data
 
 

@@ -18,11 +18,11 @@ from palpate.api.report import (
     Section,
     Table,
     cost_rows,
+    shown,
 )
 from palpate_report.answer.result import Report
 from palpate_report.data.marks import in_words
 from palpate_report.data.report_data import ReportData
-from palpate_report.data.table_files import shown
 from palpate_report.figures.scene import deepest
 from palpate_report.sections.tables import picture
 

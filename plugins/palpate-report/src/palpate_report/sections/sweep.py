@@ -5,7 +5,7 @@ from itertools import combinations
 
 import polars as pl
 
-from palpate.api.report import Block, Drawing, Paragraph, Section, Table
+from palpate.api.report import Block, Drawing, Paragraph, Section, Table, shown
 from palpate_report.answer.result import Report
 from palpate_report.data.report_data import ReportData
 from palpate_report.data.tables import TITLES
@@ -79,7 +79,7 @@ class OtherChannels(Section):
         """Least R² of a channel in the fits that leave it out."""
         misfits = report.tables.get("unfitted_channels", pl.DataFrame()).iter_rows(named=True)
         known = [row["r2"] for row in misfits if row["r2"] is not None]
-        return f"R² of a curve that a fit leaves out: {min(known):.4g} or more" if known else ""
+        return f"R² of a curve that a fit leaves out: {shown(min(known))} or more" if known else ""
 
 
 class Generalisation(Section):
