@@ -111,6 +111,7 @@ def test_lists_of_what_plugins_provide_import_no_numerical_or_plotting_library(c
         "heavy = {'jax', 'matplotlib', 'plotly', 'jinja2', 'meshio', 'trimesh', 'dask', 'h5py'}\n"
         "heavy |= {'scipy.' + part for part in ('linalg', 'ndimage', 'optimize', 'signal', 'sparse', "
         "'spatial', 'special', 'stats')}\n"
+        f"heavy |= {{'polars'}} if '{command}' == 'init' else set()\n"
         "print('heavy:', *heavy & set(sys.modules), file=sys.stderr)"
     )
     done = subprocess.run(

@@ -3,32 +3,34 @@
 A typed facade over pluggy. A plugin that cannot be imported, misspells a hook,
 raises or returns the wrong thing is left out as a whole and listed in
 :attr:`Plugins.broken` with the reason, and everything else works. The core
-registers first, then the distributions released with it, then other entry points
-by name, then files in the order given. Of two components that claim a name the
-first keeps it, and the other one is listed as left out.
+registers first, then the distributions released with it, then other entry points by name, then files
+in the order given. Of two components with one name the first keeps it; the other is listed as left out.
 """
+
+from __future__ import annotations
 
 from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
 from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, TypeVar, cast
 
-from palpate.domain import Channel, Scenario, StudyTemplate
-from palpate.domain.indenter import Indenter
-from palpate.domain.material import Material
 from palpate.errors import PluginError
-from palpate.plugins.execution import Executor
-from palpate.plugins.guard import BrokenPlugin
-from palpate.plugins.interfaces import ExperimentLoader, LimbSource, Sampler, SetFilter, Solver
-from palpate.plugins.motion import Motion
-from palpate.plugins.parametrisation import Parametrisation
 from palpate.plugins.registry import KINDS, MORE, Registry, registered, suggestion
-from palpate.plugins.score import Score
-from palpate.plugins.search import Search
-from palpate.plugins.sections import Section
 
 if TYPE_CHECKING:
     import typer
+
+    from palpate.domain import Channel, Scenario, StudyTemplate
+    from palpate.domain.indenter import Indenter
+    from palpate.domain.material import Material
+    from palpate.plugins.execution import Executor
+    from palpate.plugins.guard import BrokenPlugin
+    from palpate.plugins.interfaces import ExperimentLoader, LimbSource, Sampler, SetFilter, Solver
+    from palpate.plugins.motion import Motion
+    from palpate.plugins.parametrisation import Parametrisation
+    from palpate.plugins.score import Score
+    from palpate.plugins.search import Search
+    from palpate.plugins.sections import Section
 
 T = TypeVar("T")
 
@@ -113,7 +115,7 @@ class Plugins:
     sections: Catalogue[type[Section]]
 
     def __init__(
-        self, registry: Registry, files: Sequence[Path], load: "Callable[[Sequence[Path]], Plugins]"
+        self, registry: Registry, files: Sequence[Path], load: Callable[[Sequence[Path]], Plugins]
     ) -> None:
         self._registry, self._load = registry, load
         self.files = tuple(files)
@@ -130,7 +132,7 @@ class Plugins:
         without: Sequence[str] = (),
         modules: Sequence[object] = (),
         kinds: Collection[str] = KINDS.keys(),
-    ) -> "Plugins":
+    ) -> Plugins:
         """Find and import every plugin, and ask it for what it provides.
 
         Parameters
@@ -154,12 +156,10 @@ class Plugins:
         """
         registry = registered(files, entry_points=entry_points, without=without, modules=modules)
         registry.collect(kinds)
-        again = partial(
-            cls.load, entry_points=entry_points, without=tuple(without), modules=tuple(modules), kinds=kinds
-        )
+        again = partial(cls.load, entry_points=entry_points, without=without, modules=modules, kinds=kinds)
         return cls(registry, list(dict.fromkeys(path.resolve() for path in files)), again)
 
-    def with_files(self, files: Sequence[Path]) -> "Plugins":
+    def with_files(self, files: Sequence[Path]) -> Plugins:
         """The same with more one-file plugins; itself where it has them all."""
         more = [path for path in files if path.resolve() not in self.files]
         return self._load([*self.files, *more]) if more else self
@@ -171,7 +171,7 @@ class Plugins:
             raise PluginError(f"no kind of plugin '{kind}'{suggestion(kind, KINDS)} (known: {known})")
         return cast("Catalogue[Any]", getattr(self, kind))
 
-    def add_commands(self, app: "typer.Typer") -> tuple[BrokenPlugin, ...]:
+    def add_commands(self, app: typer.Typer) -> tuple[BrokenPlugin, ...]:
         """Let every plugin add its commands to ``app``; returns those that could not."""
         return self._registry.add_commands(app)
 
@@ -179,7 +179,7 @@ class Plugins:
         """Functions that import the types of the JSON of plugins' commands, by the command's name."""
         return self._registry.outputs()
 
-    def commands(self, app: "typer.Typer") -> dict[str, str]:
+    def commands(self, app: typer.Typer) -> dict[str, str]:
         """Add the commands of every plugin to ``app``; returns the plugin of each by its name."""
         self._registry.add_commands(app)
         return dict(self._registry.commands)
