@@ -7,8 +7,9 @@ import numpy as np
 import polars as pl
 import pytest
 
-from palpate.domain import Normaliser, Response, Scenario
+from palpate.domain import Normaliser, Response, Scenario, Spot
 from palpate.fit.least_squares import LeastSquares
+from palpate.mesh.specimens import block
 from palpate.plugins.score import Nmse, NmseSettings, ScoringRules
 from palpate.run.result import UNSEEN, UNSETTLED
 from palpate.scoring.selection import by_reason, failures, unranked
@@ -175,6 +176,14 @@ def test_warnings_about_the_measured_curves_are_named(content):
         about(replace(made, measured=warned), "measured curves found something unusual")
         == "p.csv: p1: odd; p.csv: p2: odd."
     )
+
+
+def test_warnings_about_the_meshes_are_named(content):
+    made, limb = content(), block("hex8", width_mm=60.0, n_across=4, n_down=2)
+    assert about(made, "meshes found something unusual") is None
+    odd = replace(limb, spot=Spot(name="p1"), warnings=("the bone is free",))
+    text = about(replace(made, limbs={"p1": odd}), "meshes found something unusual")
+    assert "spot 'p1': the bone is free" in text
 
 
 def test_a_poor_fit_is_named_with_its_channel(content):

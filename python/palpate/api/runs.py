@@ -30,6 +30,7 @@ if TYPE_CHECKING:
     )
     from palpate.limb.loading import (
         finer_limb as finer_limb,
+        limb_warnings as limb_warnings,
         load_limbs as load_limbs,
         size_at_contact as size_at_contact,
     )

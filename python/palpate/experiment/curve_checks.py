@@ -11,15 +11,7 @@ from types import MappingProxyType
 import numpy as np
 
 from palpate import _core
-from palpate.domain import (
-    Channel,
-    Curve,
-    FloatArray,
-    Indentation,
-    ParameterSpace,
-    RegionMaterial,
-    Response,
-)
+from palpate.domain import Channel, Curve, FloatArray, Indentation, ParameterSpace, RegionMaterial, Response
 from palpate.domain.material import IsotropicMaterial
 from palpate.errors import CurveError
 from palpate.plugins.guard import answering_for

@@ -17,6 +17,7 @@ from palpate.api.runs import (
     cycle_warnings,
     described,
     failures,
+    limb_warnings,
     measured_warnings,
     unranked,
 )
@@ -256,6 +257,8 @@ def _about_meshes(data: ReportData) -> Iterator[ReportWarning]:
 def _about_origins(data: ReportData) -> Iterator[ReportWarning]:
     odd = (*measured_warnings(data.measured), *cycle_warnings(data.study, data.measured))
     yield from _listed("odd-curves", "Checks of the measured curves found something unusual", odd)
+    of_meshes = limb_warnings(data.study, data.limbs)
+    yield from _listed("odd-meshes", "Checks of the meshes found something unusual", of_meshes)
     curves = [curve for response in data.measured.values() for curve in response.curves.values()]
     if not data.notice and all(curve.std is None for curve in curves):
         yield warn(

@@ -13,14 +13,7 @@ from palpate.api import CurveError, FloatArray
 from palpate.api.files import BASE_UNITS, Column, Kind, TextFormat, factor_to_base, kind_of
 from palpate_robot_log.checks import check
 from palpate_robot_log.measures import off_rotation, off_unit_length
-from palpate_robot_log.reading.channel_map import (
-    NO_COLUMN,
-    ChannelMap,
-    LogFiles,
-    Orientation,
-    Time,
-    Vector,
-)
+from palpate_robot_log.reading.channel_map import NO_COLUMN, ChannelMap, LogFiles, Orientation, Time, Vector
 from palpate_robot_log.reading.formats import ReadingLimits, read_log
 from palpate_robot_log.reading.raw import RawLog, Series, Stream
 from palpate_robot_log.recording import Recording, rotated

@@ -12,14 +12,7 @@ from palpate.api import FloatArray
 from palpate.api.files import Column, kind_of
 from palpate_robot_log.measures import LARGEST_DEVIATION, off_turn, off_unit
 from palpate_robot_log.reading.channel_map import NO_COLUMN
-from palpate_robot_log.reading.names import (
-    ROLES,
-    WORDS,
-    Rank,
-    has_role,
-    rank_of,
-    words_of,
-)
+from palpate_robot_log.reading.names import ROLES, WORDS, Rank, has_role, rank_of, words_of
 from palpate_robot_log.reading.raw import Stream
 
 QUANTITIES = ("position", "orientation", "force", "moment")
