@@ -51,10 +51,10 @@ def test_a_log_gets_lines_with_counts_and_the_time_left(follow, monkeypatch):
     assert lines[0] == "simulate: 40 steps"
     assert len(lines) == 11
     assert re.fullmatch(
-        r"simulate: 20 of 40 2 crashed, 18 ok, 2 running \(fine mesh p1, \d+ \w+\); about \d+ \w+ left",
+        r"simulate: 20 of 40: 2 crashed, 18 ok, 2 running \(fine mesh p1, \d+ \w+\); about \d+ \w+ left",
         lines[5],
     ), lines
-    assert lines[-1].startswith("simulate: 40 of 40 4 crashed, 36 ok, 2 running (")
+    assert lines[-1].startswith("simulate: 40 of 40: 4 crashed, 36 ok, 2 running (")
     assert not re.search(r"[\r\x1b]", text.getvalue())
 
 
@@ -165,8 +165,8 @@ def test_a_log_says_what_is_left_of_a_whole_run(follow, monkeypatch):
             following.expect(max(0, 19 - i), 10.0)
     lines = text.getvalue().splitlines()
     assert lines[0] == "fit: about 20 simulations"
-    assert "fit: 10 of 20 10 ok; about 10 s left" in lines
-    assert lines[-1].startswith("fit: 20 of 20 ")
+    assert "fit: 10 of 20: 10 ok; about 10 s left" in lines
+    assert lines[-1].startswith("fit: 20 of 20: ")
     assert len(lines) == 1 + 10  # the forecast was one too few
 
 

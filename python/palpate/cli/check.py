@@ -164,17 +164,11 @@ def _show(session: Session, study: "Study", checked: "StudyInputs") -> None:
         session.say(f"{name} = {tie}")
     _show_spots(session, study, checked)
     show_cycles(session, checked.measured)
-    n_sets = checked.design.n_sets
-    solver = f"solver '{study.solver.name}'"
-    if checked.design.n_drawn:
-        session.say(
-            f"{checked.design.n_drawn} sets drawn, {n_sets} kept by the filters; "
-            f"{n_sets * len(checked.measured)} simulations with {solver}"
-        )
-    else:
-        session.say(f"no sweep (n_sets = 0); the fit simulates with {solver}")
-    starts = "the best sets" if n_sets else "the priors, else the middle of the ranges"
-    session.say(f"fit: search '{study.search.name}', from {starts}")
+    n_drawn, n_sets = checked.design.n_drawn, checked.design.n_sets
+    kept = f"{n_drawn} sets drawn, {n_sets} kept by the filters; {n_sets * len(checked.measured)} simulations"
+    session.say(f"{kept if n_drawn else 'no sweep'}; solver {study.solver.name}")
+    starts = "the best sets" if n_sets else "the priors, or the middle of a range without one"
+    session.say(f"fit by {study.search.name}, from {starts}")
 
 
 def _by_fit_alone(study: "Study") -> list["Parameter"]:
@@ -198,5 +192,5 @@ def _meshes(study: "Study", checked: "StudyInputs", spot: str) -> str:
 
 
 def _peak(session: Session, curve: "Curve") -> str:
-    channel = session.plugins.channels[curve.channel]
-    return f"{curve.channel.replace('_', ' ')} {abs(curve.ordinate).max():.4g} {channel.units[1]}"
+    unit = session.plugins.channels[curve.channel].units[1].replace("Nmm", "N·mm")
+    return f"{curve.channel.replace('_', ' ')} {abs(curve.ordinate).max():.4g} {unit}"

@@ -172,7 +172,7 @@ def _list_ready(session: Session, *, as_json: bool) -> None:
         return
     shown = ("name", "summary")
     session.table("Ready studies", shown, [[row[key] for key in shown] for row in rows])
-    session.next("init --study NAME FOLDER")
+    session.next(f"init --study {FIRST} {FIRST}")
     session.note("for your presses: palpate init FOLDER --measured FILE --mesh FILE")
 
 

@@ -188,7 +188,7 @@ class StageProgress:
 
     def _print_line(self) -> None:
         self._last_line, steps = time.monotonic(), self._shown
-        done = f"{steps.done} of {steps.total} " if steps.total else ""
+        done = f"{steps.done} of {steps.total}: " if steps.total else ""
         line = f"{self._stage}: {done}{self._counts()}"
         self._console.print(_joined(line.rstrip(" :"), steps.time_left(), self._place), markup=False)
 

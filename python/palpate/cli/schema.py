@@ -22,7 +22,7 @@ def schema(
     known = list(dict.fromkeys([*OUTPUTS, *stages, *others]))
     if command is None:
         session.table("Commands with a schema", ["command", "version"], [[name, VERSION] for name in known])
-        session.next("schema COMMAND")
+        session.next(f"schema {known[0]}")
         return
     if command not in known:
         raise StudyError(

@@ -85,7 +85,7 @@ class StageRecords:
         if other:
             raise StudyError(
                 f"{self.folder}: the results of `palpate {stage}` were made before a change of "
-                f"{', '.join(other)}; run `palpate {stage}` and the stages after it again"
+                f"{', '.join(other)}; run `palpate run {self.folder}` again"
             )
 
     def is_current(self, stage: str) -> bool:

@@ -175,8 +175,8 @@ def test_what_a_changed_study_makes_stale_is_refused_with_its_remedy(done, plugi
     manifest = (run / "manifest.json").read_bytes()
     for name, (change, remedy, first) in CHANGES.items():
         for verb in dict.fromkeys((first, "report")):
-            message = rf"made before a change of .*{name}.*; run `palpate {remedy}`"
-            with pytest.raises(StudyError, match=message):
+            made = rf"results of `palpate {remedy}` were made before a change of .*{name}"
+            with pytest.raises(StudyError, match=f"{made}.*; run `palpate run {run}` again"):
                 called(verb)(change(study), run, plugins)
     assert (run / "manifest.json").read_bytes() == manifest
     changed = replace(study, scoring=ScoringRules(score=Nmse(NmseSettings(normaliser=Normaliser.RMS))))
@@ -201,7 +201,7 @@ def test_another_score_makes_all_that_was_scored_stale(make_study, plugins, tmp_
     stages = ("score", "select", "fit", "intervals")
     for verb in stages:
         if verb != "score":
-            with pytest.raises(StudyError, match=r"were made before a change of .*; run `palpate"):
+            with pytest.raises(StudyError, match=r"were made before a change of .*; run `palpate run"):
                 from_run.report(changed, tmp_path / "run", plugins)
         called(verb)(changed, tmp_path / "run", plugins)
     from_run.report(changed, tmp_path / "run", plugins)
@@ -213,9 +213,8 @@ def test_a_measured_file_that_changes_makes_its_curves_stale(done, plugins):
     text = path.read_text()
     path.write_text(text + "\n")
     for verb in ("simulate", "score", "select", "report"):
-        with pytest.raises(
-            StudyError, match=r"made before a change of files of spot 'p1'; .*`palpate experi"
-        ):
+        message = r"of `palpate experiment` were made before a change of files of spot 'p1'; run"
+        with pytest.raises(StudyError, match=message):
             called(verb)(study, run, plugins)
     path.unlink()  # what cannot be compared is not refused
     from_run.report(study, run, plugins)
@@ -256,9 +255,8 @@ def test_simulations_that_came_later_make_the_scores_stale(make_study, plugins, 
     pipeline.run_stage("score", study, run, plugins)
     pipeline.run_stage("simulate", study, run, plugins)
     for verb in ("select", "report"):
-        with pytest.raises(
-            StudyError, match=r"made before a change of results of `palpate simulate`; .* `palpate score`"
-        ):
+        message = r"of `palpate score` were made before a change of results of `palpate simulate`; run"
+        with pytest.raises(StudyError, match=message):
             called(verb)(study, run, plugins)
 
 

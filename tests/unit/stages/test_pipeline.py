@@ -171,7 +171,9 @@ def test_a_design_of_other_parameters_is_refused(make_study, plugins, tmp_path, 
     pipeline.run_stage("sample", make_study(), tmp_path / "run", plugins)
     region = replace(space.regions[0], searched=space.regions[0].searched[:1], fixed={"grip": 20.0})
     study = make_study(space=replace(space, regions=(region,)))
-    with pytest.raises(StudyError, match=r"before a change of ranges, materials; .* `palpate sample`"):
+    with pytest.raises(
+        StudyError, match="`palpate sample` were made before a change of ranges, materials; run"
+    ):
         pipeline.run_stage("simulate", study, tmp_path / "run", plugins)
 
 

@@ -154,7 +154,7 @@ def _span(values: Any) -> str:  # noqa: ANN401 - any array
         return f"{values.shape[1]} numbers each"
     found = np.unique(values)
     if set(found.tolist()) <= {0, 1}:
-        return f"1 in {np.count_nonzero(values)} of {values.size}"
+        return f"{np.count_nonzero(values)} of {values.size} are 1"
     if found.size <= MOST_REGIONS and (found == np.round(found)).all():
         return ", ".join(f"{v:g}" for v in found.astype(np.float64))
     return f"{found[0]:.4g} to {found[-1]:.4g}"
