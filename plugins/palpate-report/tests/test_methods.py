@@ -28,12 +28,25 @@ def test_the_paragraph_has_the_settings_of_the_press(content, friction, depth):
     path = np.array([[0.0, 0.0], [depth, 0.0], [depth, -20.0], [depth, 15.0]])
     protocol = Indentation(indenter=Sphere(radius_mm=6.5), path=path, friction=friction)
     text = methods(replace(data, study=replace(data.study, protocol=protocol)), (), ())
-    for part in (f"coefficient of {friction:g}", f"{depth:g} mm along", "−20° to 15°", "radius 6.5 mm"):
+    for part in (
+        f"coefficient of the contact was {friction:g}",
+        f"{depth:g} mm along",
+        "−20° to 15°",
+        "radius 6.5 mm",
+    ):
         assert part in text
     for parameter in data.searched.values():
         assert f"{parameter.name} {parameter.lower:.4g} to {parameter.upper:.4g}" in text
     assert f"{data.design.n_sets} parameter sets" in text
     assert "No parameters can be read from this run." in text
+
+
+def test_a_friction_that_is_searched_has_no_number(content):
+    data, path = content(), np.array([[0.0, 0.0], [4.0, 0.0], [4.0, 15.0]])
+    protocol = Indentation(indenter=Sphere(radius_mm=6.5), path=path, friction=1.0)
+    data = replace(data, study=replace(data.study, protocol=protocol))
+    data.searched["friction"] = replace(next(iter(data.searched.values())), name="friction")
+    assert "friction coefficient of the contact was searched." in methods(data, (), ())
 
 
 def test_the_intervals_name_their_causes_and_what_they_leave_out(fitted):

@@ -55,11 +55,13 @@ def _experiment(data: ReportData) -> Iterator[str]:
         return
     depth, turns = protocol.path[:, 0], protocol.path[:, 1]
     twist = f" and rotated from {turns.min():g}° to {turns.max():g}° about it" if turns.any() else ""
+    is_searched = any(p.name.partition("@")[0] == "friction" for p in data.searched.values())
+    friction = "was searched" if is_searched else f"was {protocol.friction:g}"
     tool = f"{protocol.indenter.name}, radius {protocol.indenter.radius_mm:g} mm"
     yield (
         f"At {spots} a rigid indenter ({tool}) was pressed {depth.max():g} mm along the "
         f"surface normal{twist}; {measured} {were}. "
-        f"Contact had a Coulomb friction coefficient of {protocol.friction:g}."
+        f"The Coulomb friction coefficient of the contact {friction}."
     )
 
 

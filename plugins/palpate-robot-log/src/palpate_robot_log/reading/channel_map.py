@@ -23,9 +23,7 @@ class Time(Settings):
     column: str = Field(min_length=1, description="Name of the column; in every stream that is used.")
     unit: str | None = Field(default=None, description="Its unit, when its name does not show it.")
     rate: Annotated[float, Quantity("Hz")] | None = Field(
-        default=None,
-        gt=0.0,
-        description="Rate of the rows, where the column counts them.",
+        default=None, gt=0.0, description="Rate of the rows, where the column counts them."
     )
     nanoseconds: str | None = Field(
         default=None, description="Column of nanoseconds to add, where the other has whole seconds."

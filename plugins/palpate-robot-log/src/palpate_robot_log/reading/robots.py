@@ -145,10 +145,7 @@ def machine_of(log: RawLog) -> LogGuess | None:
         }
         reason = "machine: depth grows as the tool moves while the force does, and the tissue pushes it back"
         return LogGuess(
-            guesses=guesses,
-            time={stream.name: time},
-            repeats_time=repeats_time(stream),
-            wrench_reason=reason,
+            guesses=guesses, time={stream.name: time}, repeats_time=repeats_time(stream), wrench_reason=reason
         )
     return None
 
