@@ -108,3 +108,9 @@ def test_ends_of_contours_in_an_unknown_plane_are_not_drawn_but_said(fitted, unk
     said = " ".join(block.text for block in Space().blocks(data, None) if isinstance(block, Paragraph))
     assert ("Contour lines:" in said) == is_drawn
     assert ("no contour lines" in said) != is_drawn
+
+
+def test_one_parameter_has_no_planes_to_speak_of(fitted, monkeypatch):
+    monkeypatch.setattr(type(fitted), "brief", {"c1": next(iter(fitted.brief.values()))})
+    texts = [block.text for block in Space().blocks(fitted, None) if isinstance(block, Paragraph)]
+    assert not any("plane" in text for text in texts)

@@ -9,7 +9,7 @@ import pytest
 from palpate.domain import ParameterSpace, Relaxation
 from palpate.fit.least_squares import LeastSquares
 from palpate.plugins.catalogue import Plugins
-from palpate.plugins.sections import Fold, Table, Word, shown
+from palpate.plugins.sections import Choice, Fold, Lines, Table, Word, shown
 from palpate.study.reading import read_study
 from palpate_report.answer.card import answer, apart_from_joint, title_of
 from palpate_report.answer.failed_checks import apparent
@@ -22,6 +22,7 @@ from palpate_report.data.tables import make_tables, printed
 from palpate_report.figures.drawings import interval_plot
 from palpate_report.figures.panels import budget_bars, colour_of
 from palpate_report.page.html import laid_out, render
+from palpate_report.sections.fits import Values
 from palpate_report.stage import summary_of
 
 from .fits import at_end_of_range, refused, with_tables
@@ -77,6 +78,15 @@ def test_spots_that_differ_much_are_no_refusal(fitted):
 def card(data):
     conclusion = make_conclusion(data, make_tables(data))
     return answer(data, conclusion)
+
+
+def test_the_table_of_values_has_the_interval_of_each_modulus(fitted):
+    data = passed(fitted)
+    report = Report(tables={}, files=(), conclusion=make_conclusion(data, {}), pictures={})
+    choice = next(block for block in Values().blocks(data, report) if isinstance(block, Choice))
+    cells = {row[0]: row[1].values for row in choice.options[0].blocks[0].rows if isinstance(row[1], Lines)}
+    for modulus in report.conclusion.moduli:
+        assert cells[modulus.label][:2] == [modulus.text, modulus.interval]
 
 
 def test_the_chart_shows_every_value_with_its_interval(fitted, content):

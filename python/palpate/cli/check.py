@@ -88,7 +88,7 @@ def _cost(
     by_key, run = dict(zip(keys, checked.jobs, strict=True)), newest_run(path)
     left = cost.cost(study, by_key, run, checked.limbs, parts_of(study, checked, session.plugins))
     if timing and left.seconds_each is None and (left.n_left or left.n_fit):
-        progress.begin("time a simulation", 1)
+        progress.begin("timing a simulation", 1)
         to_time = checked.jobs or simulation.middle_jobs(study, checked.measured)
         left = replace(left, seconds_each=cost.timed(study, to_time, checked.limbs))
         progress.step()

@@ -23,7 +23,7 @@ TITLES: Mapping[str, str] = MappingProxyType(
         "cross_channel": "Error in every channel, fitted or not",
         "identifiability": "How well each parameter is identified",
         "generalised": "One set for all spots",
-        "cost_of_one_set": "Fopt of one set for all spots, over the least at each spot",
+        "cost_of_one_set": "Fopt of one set for all spots, divided by the lowest Fopt at each spot",
         "fit": "The fits: errors, simulations, and why they ended",
         "intervals": "95 % intervals of the fit",
         "budget": "Error sources of each interval: shares of the variance in percent",
@@ -39,7 +39,7 @@ TITLES: Mapping[str, str] = MappingProxyType(
         "verification": "Verification of the selected sets by their solver",
         "failures": "Sets that could not be ranked, by reason",
         "parameters": "Parameters of each run, with 95 % intervals where there was a fit",
-        "errors": "Errors of each run; of several spots the mean, R² the least",
+        "errors": "Errors of each run; for several spots the mean, and the lowest R²",
         "criteria": "Information criteria at the least Fopt, the best first",
         "laws": "Material laws, the least AICc first",
     }

@@ -195,7 +195,7 @@ def _cell(value: Headline) -> Lines:
     if value.interval:
         lines += [f"optimum {value.optimum:.4g}"] if value.optimum is not None else []
         lines.append(value.interval)
-    return Lines([*lines, *map(Word, value.verdict.split(", "))])
+    return Lines([*lines, *map(Word, filter(None, value.verdict.split(", ")))])
 
 
 def _below(bests: Sequence[Best]) -> str:
@@ -227,9 +227,9 @@ def _by_spot(data: ReportData, bests: Sequence[Best]) -> Table:
     )
 
 
-def _moduli(data: ReportData, bests: Sequence[Best]) -> Iterator[tuple[str, list[str | None]]]:
+def _moduli(data: ReportData, bests: Sequence[Best]) -> Iterator[tuple[str, list[Cell]]]:
     """Rows of the initial moduli of each best set, and of the true value if there is one."""
-    columns = [{each.parameter: each.text for each in best.moduli} for best in bests]
+    columns: list[dict[str, Cell]] = [{each.parameter: _cell(each) for each in best.moduli} for best in bests]
     if truth := data.study.truth:
         known = initial_moduli(data.study.space, truth, data.factors, data.modulus_unit)
         columns.append({name: rounded(value) for name, value in known})

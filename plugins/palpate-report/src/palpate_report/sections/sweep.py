@@ -33,7 +33,7 @@ class Space(Section):
                 "fitted again, from an emulator of the simulated curves. A long valley is a combination of "
                 "parameters that the curves do not tell apart."
             )
-        elif data.is_fitted:
+        elif data.is_fitted and len(data.brief) > 1:
             few = "Few sets are near the fit" if data.design.n_sets else "Only the fit was simulated"
             yield Paragraph(f"{few}. Fopt is unknown in most of each plane, so there are no contour lines.")
         if data.is_fitted:
