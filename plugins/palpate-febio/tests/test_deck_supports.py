@@ -151,6 +151,18 @@ def test_tissue_that_is_tied_to_a_held_bone_is_fixed(tmp_path):
     assert "contact 'tie' ties nodes to rigid body 'bone'" in free.warnings[0]
 
 
+@pytest.mark.parametrize("body", ["bone", "2", "other"])
+def test_nodes_of_a_rigid_body_without_elements_are_fixed_or_named(tmp_path, body):
+    text = re.sub(r'<Elements type="\w+" name="Part2".*?</Elements>', "", RIGID, flags=re.DOTALL)
+    text = re.sub(r'<SolidDomain name="Part2"[^>]*/>', "", text)
+    glue = f'<bc name="glue" type="rigid" node_set="@surface:base"><rb>{body}</rb></bc></Boundary>'
+    limb = load(deck_of(tmp_path, text, CUTS.replace("</Boundary>", glue) + HELD))
+    assert counts(limb) == ((30 if body == "other" else 45), 25)
+    assert any("'glue' ties nodes to rigid body 'other'" in w for w in limb.warnings) == (body == "other")
+    absent = load(deck_of(tmp_path, text, CUTS.replace("</Boundary>", glue.replace("base", "none")) + HELD))
+    assert any("'glue' without a node set is not understood and not used" in w for w in absent.warnings)
+
+
 def test_what_is_not_used_is_named(tmp_path):
     roller = ZERO.format("bone").replace("<x_dof>1", "<x_dof>0").replace("<y_dof>1", "<y_dof>0")
     push = (

@@ -158,6 +158,31 @@ def test_what_moves_and_what_is_no_tissue_is_named(tmp_path: Path) -> None:
     assert "moves 45 nodes and is not used" in limb.warnings[0]
 
 
+IN_PARTS = "CMSEL,S,HELD\nCMSEL,U,TOP\nD,ALL,UX,0,,,,UY,UZ\nCMSEL,S,HELD\nCMSEL,R,TOP\nD,ALL,ALL\n"
+
+
+@pytest.mark.parametrize(
+    ("commands", "n_fixed"),
+    [
+        ("CMSEL,S,HELD\nCMSEL,A,TOP\nD,ALL,ALL\n", 60),
+        ("D,1,ALL,0,,25,1\n", 25),
+        (IN_PARTS, 45),
+        ("D,HELD,UX,0,,,,UY,UZ\n", 45),
+        ("D,HELD,ALL\nNSEL,S,LOC,Y,-20\nD,ALL,ALL\n", 45),
+    ],
+    ids=["a selection of two", "a range", "without and among", "three axes", "a selection by place"],
+)
+def test_every_node_that_a_command_holds_is_fixed_or_named(
+    tmp_path: Path, commands: str, n_fixed: int
+) -> None:
+    text = archive(MADE.points_mm, HEXES, 185)
+    start = text.index("CMSEL,S,HELD")
+    (tmp_path / "m.cdb").write_text(text[:start] + commands)
+    limb = load(tmp_path / "m.cdb")
+    assert len(limb.mesh.node_sets["fixed"]) == n_fixed
+    assert any("a selection that is not read" in w for w in limb.warnings) == ("LOC" in commands)
+
+
 @pytest.mark.parametrize(
     ("change", "message"),
     [

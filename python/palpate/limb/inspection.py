@@ -31,8 +31,10 @@ WORDS: Mapping[str, str] = {
 }
 """Words of names of regions: a bone's, words for its parts, and words that show that it is no bone."""
 UNITS_MM: Mapping[str, float] = {"mm": 1.0, "cm": 10.0, "m": 1000.0, "um": 0.001}
-SKIN = re.compile(r"contact|skin|press|outer|surface|touch|top|indent", re.IGNORECASE)
-FIXED = re.compile(r"fix|held|hold|bone|cut|support|clamp|encastre|base|bottom|anchor", re.IGNORECASE)
+SKIN = re.compile(r"(?i)contact|skin|press|outer|surface|touch|top|indent|haut|oberfl|kontakt|peau|piel")
+FIXED = re.compile(
+    r"(?i)fix|h[eo]ld|bone|cut|support|clamp|encast|base|bottom|anchor|knochen|schnitt|\bos\b|coupe|hueso"
+)
 
 
 def guessed_unit(points: FloatArray) -> tuple[str, str]:

@@ -43,25 +43,10 @@ class Part:
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Deck:
-    """Content of a deck, in its own names and units.
-
-    Parameters
-    ----------
-    parts : tuple of Part
-        Deformable ones.
-    surfaces : mapping of name to (n,) integer array
-        Nodes of the faces.
-    rigid : mapping of name to (n,) integer array
-        Nodes of the rigid parts.
-    supports : tuple of Support
-    touched : tuple of str
-        Surfaces of the limb in the contacts that are not tied.
-    warnings : tuple of str
-        Conditions that are not used.
-    """
+    """Content of a deck, in its own names and units."""
 
     points: FloatArray
-    parts: tuple[Part, ...]
+    parts: tuple[Part, ...]  # deformable ones
     node_sets: Mapping[str, IntArray]
     surfaces: Mapping[str, IntArray]
     rigid: Mapping[str, IntArray]

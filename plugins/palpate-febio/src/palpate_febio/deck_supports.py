@@ -20,35 +20,17 @@ TIED = re.compile(r"(?i)tied|sticky")
 
 @dataclass(slots=True, kw_only=True, eq=False)
 class DeckNames:
-    """Nodes by the names that conditions use.
+    """Nodes by the names that conditions use."""
 
-    Parameters
-    ----------
-    rigid : mapping of name and id to (n,) integer array
-        Nodes of each rigid body, by its material.
-    named : callable
-        Nodes of a set as conditions name it, such as ``@surface:skin``; None if there is none.
-    listed : callable
-        Nodes that an element lists by id.
-    in_limb : set of int
-        Nodes of deformable elements.
-    """
-
-    rigid: Mapping[str, IntArray]
-    named: Callable[[str], IntArray | None]
-    listed: Callable[[ET.Element], IntArray]
-    in_limb: frozenset[int]
+    rigid: Mapping[str, IntArray]  # of each rigid body, by the name and the id of its material
+    named: Callable[[str], IntArray | None]  # of a set such as @surface:skin; None if there is none
+    listed: Callable[[ET.Element], IntArray]  # that an element lists by id
+    in_limb: frozenset[int]  # of deformable elements
 
 
 @dataclass(slots=True, eq=False)
 class DeckSupports:
-    """Supports of a deck, warnings of what is not used, and surfaces of its contacts that are not tied.
-
-    Parameters
-    ----------
-    root : Element
-    names : DeckNames
-    """
+    """Supports of a deck, warnings of what is not used, and surfaces of its contacts that are not tied."""
 
     root: ET.Element
     names: DeckNames
@@ -93,16 +75,16 @@ class DeckSupports:
         if condition.tag == "rigid_body":
             return  # read with the rigid bodies
         nodes = self._nodes(condition)
-        if condition.tag == "rigid" or kind in ("rigid", "rigid deformation"):
+        is_rigid = condition.tag == "rigid" or kind in ("rigid", "rigid deformation")
+        if is_rigid and nodes is not None:
             body = condition.get("rb") or _text(condition, "rb")
-            if nodes is not None:
-                self._rigid(f"'{title}' ties nodes to", body, nodes)
+            self._rigid(f"'{title}' ties nodes to", body, nodes)
             return
         if NO_DISPLACEMENT.search(kind):
             return
         axes, is_moved = _axes(condition, kind)
         if axes is None or nodes is None:
-            why = f"of type '{kind}'" if axes is None else "without a node set"
+            why = "without a node set" if nodes is None else f"of type '{kind}'"
             if nodes is None or self._count(nodes):
                 self.warnings.append(
                     f"condition '{title}' {why} is not understood and not used; if it holds nodes of the "
@@ -148,24 +130,24 @@ class DeckSupports:
 
     def _rigid(self, how: str, body: str, nodes: IntArray) -> None:
         """Add nodes that move with a rigid body: a support where the body is held in all six directions."""
-        if not self._count(nodes) or body not in self.names.rigid:
+        if not self._count(nodes):
             return
         held = _held_directions(self.root, self._aliases(body))
         if held.issuperset(RIGID_DOFS):
             self.supports.append(Support(name=f"rigid body '{self._aliases(body)[0]}'", nodes=nodes))
         else:
             free = ", ".join(dof for dof in RIGID_DOFS if dof not in held)
+            what = "the body's part" if body in self.names.rigid else "a set of them"
             self.warnings.append(
                 f"{how} rigid body '{self._aliases(body)[0]}': {self._count(nodes)} nodes of the limb, and "
-                f"the deck does not hold the body in {free}; these nodes are free; name the body's part in "
+                f"the deck does not hold the body in {free}; these nodes are free; name {what} in "
                 "the setting fixed if it is a bone"
             )
 
     def _aliases(self, body: str) -> tuple[str, ...]:
         """Names of a rigid body: its material's name first, then its number."""
-        nodes = self.names.rigid[body]
-        same = [name for name, of in self.names.rigid.items() if of is nodes]
-        return tuple(sorted(same, key=str.isdigit))
+        materials = ((of.get("name"), of.get("id")) for of in self.root.iterfind("Material/material"))
+        return next((tuple(filter(None, names)) for names in materials if body in names), (body,))
 
 
 def pair_sides(pair: ET.Element) -> tuple[str, ...]:

@@ -82,6 +82,7 @@ class _Conditions:
         self.supports: list[Support] = []
         self.warnings: list[str] = []
         self.held: dict[int, set[int]] = {}
+        self.single: dict[str, set[int]] = {}  # nodes that conditions name by number, by their axes
         self.limb = {
             n for kind, cells in model.cells.items() if kind.startswith(SOLID) for c in cells for n in c
         }
@@ -91,6 +92,9 @@ class _Conditions:
         for keyword in keywords:
             if keyword.name == "BOUNDARY":
                 self.boundary(keyword)
+        self.supports += [
+            _support("*Boundary of numbers", nodes, axes) for axes, nodes in self.single.items()
+        ]
         bodies = [self.rigid(keyword) for keyword in keywords if keyword.name == "RIGIDBODY"]
         for keyword, following in zip(keywords, [*keywords[1:], None], strict=False):
             if keyword.name == "COUPLING":
@@ -145,7 +149,9 @@ class _Conditions:
                     continue
             for node in nodes:
                 self.held.setdefault(node, set()).update(held)
-            if axes:
+            if axes and len(nodes) == 1 and row[0].isdigit():
+                self.single.setdefault(axes, set()).update(nodes)
+            elif axes:
                 self.supports.append(_support(title, nodes, axes))
 
     def nodes(self, cell: str, keyword: Keyword) -> set[int]:

@@ -45,7 +45,7 @@ class _Archive:
         self.components: dict[tuple[str, str], list[int]] = {}
         self.held: dict[tuple[str, str], list[int]] = {}
         self.warnings: list[str] = []
-        self.selected: list[int] = []
+        self.selected: set[int] | None = set()  # None: by a command that is not read
         self._lines = self._numbered()
         self._line = 0
         for line in self._lines:
@@ -73,12 +73,14 @@ class _Archive:
                 self._elements(is_solid=bool(of) and of[0].upper() == "SOLID")
             case "CMBLOCK", name, kind, count, *_:
                 self._component(name.upper(), kind.upper(), int(count))
-            case "CMSEL", how, name, *_ if how.upper() in ("S", ""):
-                self.selected = self.components.get((name.upper(), "NODE"), [])
             case ("ALLSEL", *_) | ("NSEL", "ALL", *_):
-                self.selected = [*self.index]
-            case "D", where, axis, *value:
-                self._condition(where.upper(), axis.upper(), (value or [""])[0])
+                self.selected = {*self.index}
+            case (("CMSEL" | "NSEL" | "NSLE" | "NSLA" | "NSLK" | "NSLL" | "NSLV") as command, *names):
+                self._select(command, *map(str.upper, names))
+            case "D", where, axis, *more:
+                value, _, last, step, *axes = [*more, *[""] * 4]
+                for each in filter(None, (axis, *axes)):
+                    self._condition(where.upper(), each.upper(), value, last, step)
             case ("N", first, *_) | ("EN", first, *_) if first.isdigit() and not self.points:
                 raise self.refused(
                     "nodes by single commands; write the archive in the blocked format of CDWRITE"
@@ -192,14 +194,28 @@ class _Archive:
             n_read += len(values)
         self.components.setdefault((name, kind), []).extend(found)
 
-    def _condition(self, where: str, axis: str, value: str) -> None:
-        named = self.components.get((where, "NODE"))
-        nodes = self.selected if where in ("ALL", "P") else named or ([int(where)] if where.isdigit() else [])
+    def _select(self, command: str, how: str = "S", name: str = "", *_: str) -> None:
+        """Select a component's nodes, or those with, without or among the selected; None if not read."""
+        nodes, now = {*self.components.get((name, "NODE"), ())}, self.selected
+        found = {"S": nodes, "": nodes}
+        found |= {} if now is None else {"A": now | nodes, "U": now - nodes, "R": now & nodes}
+        self.selected = found.get(how) if command == "CMSEL" else None
+
+    def _condition(self, where: str, axis: str, value: str, last: str, step: str) -> None:
+        named, nodes = self.components.get((where, "NODE")), list[int]()
+        if where in ("ALL", "P"):
+            nodes = sorted(self.selected or ())
+        elif where.isdigit():
+            end = int(last) if last.isdigit() else int(where)
+            nodes = [*range(int(where), end + 1, int(step) if step.isdigit() else 1)]
+        nodes = named or nodes
         if axis not in AXES:
             return
         moves = bool(re.fullmatch(r"[-+.\dEeDd]+", value)) and float(value.upper().replace("D", "E")) != 0.0
         if moves or not nodes:
             what = f"moves {len(nodes)} nodes" if nodes else f"names '{where}', which no component is"
+            if where in ("ALL", "P") and not nodes:
+                what = "holds nodes of a selection that is not read,"
             self.warnings.append(
                 f"D,{where},{axis} in line {self._line} {what} and is not used; name held nodes as `fixed`"
             )
