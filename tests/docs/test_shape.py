@@ -18,10 +18,10 @@ ROOT = Path(__file__).parents[2]
 LONGEST_FILE = 500
 LONGEST_FUNCTION = 45
 MOST = {
-    "lines": 76_815,
-    "lines of the core": 33_240,
+    "lines": 76_810,
+    "lines of the core": 33_232,
     "classes": 654,
-    "constants": 732,
+    "constants": 731,
     "long files": 0,
     "long functions": 6,
     "docstrings without a noun first": 0,

@@ -105,24 +105,18 @@ def _curves() -> Mapping[str, Callable[[], Layout]]:
         "Instron Bluehill 3": lambda: made(
             ['"Specimen 1 to 1"', '"","Start Date","14.03.2030"', "", '"Time (sec)","Compressive extension (mm)","Compressive load (N)"',
              *rows(SECONDS, DEPTH, FORCE, form=quoted)], "curve"),
-        "Instron, kilonewtons": lambda: made(
-            ['"Time (sec)","Displacement (mm)","Force (kN)"', *rows(SECONDS, DEPTH, FORCE / 1e3, form='"{:.7f}"')], "curve"),
+        "Instron, kilonewtons": lambda: made(['"Time (sec)","Displacement (mm)","Force (kN)"', *rows(SECONDS, DEPTH, FORCE / 1e3, form='"{:.7f}"')], "curve"),
         "Zwick testXpert II": lambda: made(
             ["Prüfprotokoll", "Kunde\tLabor", "", "Prüfzeit\tStandardweg\tStandardkraft", "s\tmm\tN",
              *rows(SECONDS, DEPTH, FORCE, between="\t", decimal=",")], "curve", "txt", "cp1252"),
         "Zwick testXpert III": lambda: made(
             ['"Specimen 1"', '"Test time";"Standard travel";"Standard force"', '"s";"mm";"N"',
              *rows(SECONDS, DEPTH, FORCE, between=";")], "curve"),
-        "Zwick, strain": lambda: made(
-            ["Dehnung;Spannung", "%;MPa", *rows(100.0 * STRAIN, STRESS_KPA / 1e3, between=";", decimal=",")], "uniaxial", encoding="cp1252"),
-        "tension with the pressure of a clamp": lambda: made(
-            ["Dehnung [%];Spannung [MPa];Druck [bar]", *rows(100.0 * STRAIN, STRESS_KPA / 1e3, 6.0 + 0.0 * STRAIN, between=";")], "uniaxial"),
-        "tension by a machine that compresses too": lambda: made(
-            ["Time (s),Compressive extension (mm),Tensile strain (mm/mm),Tensile stress (MPa)", *rows(SECONDS, -DEPTH, STRAIN, STRESS_KPA / 1e3)], "uniaxial"),
-        "tension that makes a specimen thinner": lambda: made(
-            ["strain,stress (MPa),height (mm)", *rows(STRAIN, STRESS_KPA / 1e3, 2.0 - 0.5 * STRAIN)], "uniaxial"),
-        "a load cell for compression": lambda: made(
-            ["Strain,Stress (kPa),Compression load cell (N)", *rows(STRAIN, STRESS_KPA, STRESS_KPA)], "uniaxial"),
+        "Zwick, strain": lambda: made(["Dehnung;Spannung", "%;MPa", *rows(100.0 * STRAIN, STRESS_KPA / 1e3, between=";", decimal=",")], "uniaxial", encoding="cp1252"),
+        "tension with the pressure of a clamp": lambda: made(["Dehnung [%];Spannung [MPa];Druck [bar]", *rows(100.0 * STRAIN, STRESS_KPA / 1e3, 6.0 + 0.0 * STRAIN, between=";")], "uniaxial"),
+        "tension by a machine that compresses too": lambda: made(["Time (s),Compressive extension (mm),Tensile strain (mm/mm),Tensile stress (MPa)", *rows(SECONDS, -DEPTH, STRAIN, STRESS_KPA / 1e3)], "uniaxial"),
+        "tension that makes a specimen thinner": lambda: made(["strain,stress (MPa),height (mm)", *rows(STRAIN, STRESS_KPA / 1e3, 2.0 - 0.5 * STRAIN)], "uniaxial"),
+        "a load cell for compression": lambda: made(["Strain,Stress (kPa),Compression load cell (N)", *rows(STRAIN, STRESS_KPA, STRESS_KPA)], "uniaxial"),
         "words in most columns": lambda: made(
             ["time_s,depth_mm,force_N,state,mode,operator,phase,tool",
              *(f"{row},running,auto,lab,loading,sphere" for row in rows(np.linspace(0.0, 16.0, 641), np.linspace(0.0, 8.0, 641), 0.4 * np.linspace(0.0, 8.0, 641) ** 1.5))], "curve"),
@@ -346,6 +340,17 @@ def _curves() -> Mapping[str, Callable[[], Layout]]:
         "HDF5 of data and unit": lambda: saved("h5", _with_units),
         "Parquet of structures": lambda: saved("parquet", _structures),
         **{name: partial(saved, "mat", partial(savemat, mdict=of)) for name, of in MATLAB.items()},
+        "one name for a length and a strain": lambda: made(
+            ["Zeit;Zugdehnung (Weg);Zugdehnung (Weg);Zugspannung", "(s);(mm);(mm/mm);(kPa)", *rows(SECONDS, 20.0 * STRAIN, STRAIN, STRESS_KPA, between=";", decimal=",")], "uniaxial"),
+        "units above names": lambda: made(["s,um,mN", "time,depth,force", *rows(SECONDS, 1e3 * DEPTH, 1e3 * FORCE)], "curve"),
+        "compression by a French preamble": lambda: made(["Essai de compression", "", "Déformation;Contrainte", "%;kPa", *rows(100.0 * STRAIN, STRESS_KPA, between=";", decimal=",")], "compression"),
+        "shear by its preamble": lambda: made(["Test,Lap shear", "Overlap width (mm),10", "Displacement (mm),Force (N)", *rows(DEPTH, FORCE)], "question"),
+        "specimen by stretch and force": lambda: made(["Stretch (-),Force (cN)", *rows(1.0 + STRAIN, FORCE)], "question"),
+        "tension in cycles": lambda: made(
+            ["Engineering strain,Engineering stress (kPa)", *rows(*([np.concatenate([of, less * of[-2::-1], of[1:], less * of[-2::-1]]) for of, less in ((STRAIN, 1.0), (STRESS_KPA, 0.9))]))], "uniaxial"),
+        "tension and relaxation": lambda: made(["Strain (%),Stress (kPa)", *rows(100.0 * STRAIN, STRESS_KPA), *rows(20.0 + 1e-3 * np.sin(DEPTH), 12.0 - 0.5 * DEPTH)], "uniaxial"),
+        "force and displacement along z": lambda: made(["Time (S),Xpos (um),ZForce (mN),ZDisplacement (um)", *rows(SECONDS, 0.0 * DEPTH, 1e3 * FORCE, 1e3 * DEPTH)], "curve"),
+        "fatigue": lambda: made(["Cycle,Strain (%),Stress (kPa)", *rows(np.arange(41), 10.0 + 10.0 * STRAIN, 0.0 * STRAIN + 5.0)], "question"),
         "force in volts by its name": lambda: made(["depth_mm,force_V", *rows(DEPTH, 0.1 * FORCE)], "question"),
     }  # fmt: skip
 
@@ -441,6 +446,12 @@ def _presses() -> Mapping[str, Callable[[], Layout]]:
             ",".join(["timestamp", *(f"{of}_{i}" for of in ("elbow_position", "actual_tool_accelerometer", "payload_cog") for i in range(3)),
                       *(f"actual_TCP_pose_{i}" for i in range(6)), *(f"actual_TCP_force_{i}" for i in range(6))]),
             t, 0.3 * m + 0.1, 9.8 + 0.1 * np.sin(tip), m, m, rotvec, base_f, base_m),
+        "times of another time zone": lambda: made(
+            ["stamp,x_mm,y_mm,z_mm,qx,qy,qz,qw,fx_N,fy_N,fz_N,tx_Nm,ty_Nm,tz_Nm",
+             *[f"2030-11-30T10:00:{a:06.3f}+09:00,{line}" for a, line in zip(t.tolist(), rows(tip, q, f, moment, form=digits), strict=True)]], "press"),
+        "two arms": lambda: named(
+            ",".join(["t", *(f"{arm}_{of}" for arm in ("left", "right") for of in ("x", "y", "z", "qx", "qy", "qz", "qw")), *(f"right_{of}" for of in ("fx", "fy", "fz", "tx", "ty", "tz"))]),
+            t, 0.4 + 0.0 * m, np.tile(q[:1], (t.size, 1)), m, q, f, moment),
         "tracker without a wrench": lambda: named("Frame,Q0,Qx,Qy,Qz,Tx,Ty,Tz", np.arange(t.size), w_first, tip)._replace(holds="question"),
         "a wrist's joint": lambda: named(
             ",".join(["t_s", *(f"{of}{axis}" for of in ("column.pos.", "column.quat.") for axis in "xyzw"[: 3 + ("q" in of)]),

@@ -45,8 +45,11 @@ QUESTIONS = {
     "two values in a cell": "'100 300' has marks between its thousands; export the file",
     "two sensors in two units": "force: Load (N) or Load (lbf)? name one",
     "nanometres in capitals": "the file gives 'Nm?'",
-    "creep": "Stress (Pa) hardly changes, as in creep",
-    "creep from zero": "Stress (kPa) hardly changes, as in creep",
+    "creep": "Stress (Pa) hardly changes, as in creep or fatigue",
+    "creep from zero": "Stress (kPa) hardly changes, as in creep or fatigue",
+    "fatigue": "Stress (kPa) hardly changes, as in creep or fatigue",
+    "shear by its preamble": "give both scales, by the length and the area of the specimen",
+    "specimen by stretch and force": "give scale, by the area of the specimen",
     "samples by number": "which is the depth, and which the force",
     "a sample by its letter": "which is the depth, and which the force",
     "two axes without a mode": "name one pair of strain and stress",
@@ -166,6 +169,11 @@ FAST = (
     "a wrist's joint",
     "an elbow next to the tool",
     "KUKA's letters of the moment",
+    "one name for a length and a strain",
+    "units above names",
+    "tension in cycles",
+    "tension and relaxation",
+    "specimen by stretch and force",
 )
 
 
@@ -185,16 +193,20 @@ def proposed(path: Path) -> tuple[Response | None, str]:
 
 @pytest.mark.parametrize("exponent", [1.5, 2.0])
 @pytest.mark.parametrize("noise", [0.0, 0.01])
-@pytest.mark.parametrize(("begins", "sense"), [(31.5, 1.0), (62.5, -1.0)], ids=["rises", "falls"])
+@pytest.mark.parametrize(
+    ("begins", "sense", "zero"),
+    [(31.5, 1.0, 0.0), (62.5, -1.0, 0.0), (62.5, -1.0, -0.5)],
+    ids=["rises", "falls", "a sensor that nobody zeroed"],
+)
 def test_a_machine_that_stops_at_its_deepest_has_depth_0_at_contact(
-    tmp_path: Path, begins: float, sense: float, noise: float, exponent: float
+    tmp_path: Path, begins: float, sense: float, zero: float, noise: float, exponent: float
 ) -> None:
     """Free travel before contact and no rest behind it, as most machines record a compression."""
     depth = np.linspace(-2.0, 6.0, 161)
     force = np.clip(depth, 0.0, None) ** exponent * 8.0 / 6.0**exponent
     force += np.random.default_rng(1).normal(0.0, noise, force.size)
     path = tmp_path / "file.csv"
-    lines = rows((depth + 2.0) / 0.25, begins + sense * (depth + 2.0), force)
+    lines = rows((depth + 2.0) / 0.25, begins + sense * (depth + 2.0), force + zero)
     path.write_text("\n".join(["Time (s),Position (mm),Load (N)", *lines]) + "\n", encoding="utf-8")
     curves, problem = proposed(path)
     assert curves is not None, problem
@@ -254,6 +266,7 @@ def test_a_makers_file_is_read_right_or_asked_about(name: str, tmp_path: Path) -
     assert [*curves] == [channel]
     for values, ends in ((curves[channel].abscissa, along), (curves[channel].ordinate, of)):
         assert (values.min(), values.max()) == pytest.approx(ends, rel=2e-5, abs=1e-9)
+    assert len({*np.sign(np.diff(curves[channel].abscissa))} - {0.0}) == 1
 
 
 def test_marks_of_inches_join_no_lines() -> None:

@@ -152,7 +152,7 @@ def test_a_name_that_is_not_certain_is_asked_about(names: str, question: str, tm
 )
 def test_the_mode_of_a_test_is_in_its_names(names: str, mode: str) -> None:
     strain, stress = (Column(name=name, values=np.arange(3.0)) for name in names.split("|"))
-    assert measures_of(strain, stress, ()).mode == mode
+    assert measures_of(strain, stress, (), set()).mode == mode
 
 
 @pytest.mark.parametrize(
@@ -195,9 +195,12 @@ def test_a_curve_is_read_in_its_words(names: str, times: tuple[float, float], tm
     np.testing.assert_allclose(curve.ordinate, 0.4 * depth**1.5, rtol=1e-9, atol=1e-9)
 
 
-def test_a_specimen_that_may_be_pulled_is_asked_about(tmp_path: Path) -> None:
-    found = inspect_log(written(tmp_path / "t.csv", "Extension (mm),Load (N)", STRETCH - 1.0, NOMINAL))
-    assert any("a press is assumed; if a specimen is pulled, give its stress" in f for f in found.findings)
+@pytest.mark.parametrize(
+    ("names", "is_asked"), [("Extension", True), ("Displacement", True), ("Depth", False)]
+)
+def test_a_press_that_no_word_shows_is_stated(names: str, is_asked: bool, tmp_path: Path) -> None:
+    found = inspect_log(written(tmp_path / "t.csv", f"{names} (mm),Load (N)", STRETCH - 1.0, NOMINAL))
+    assert any("a press is assumed, as the file states no test" in f for f in found.findings) == is_asked
 
 
 def test_the_plainer_of_two_columns_is_taken_with_a_remark() -> None:

@@ -52,11 +52,7 @@ from palpate.domain.waypoints import (
     ROTATION as ROTATION,
     Waypoints as Waypoints,
 )
-from palpate.errors import (
-    MeshError,
-    SamplingError,
-    StudyError,
-)
+from palpate.errors import MeshError, SamplingError, StudyError
 
 
 def _frozen_ints(values: ArrayLike) -> IntArray:

@@ -9,16 +9,7 @@ from palpate.executors.machine import n_cores, n_fitting, thread_limits
 from palpate.executors.pool import Pool, by_limb
 from palpate.plugins.execution import Batch, Executor, Limits
 
-__all__ = [
-    "Batch",
-    "InProcess",
-    "Limits",
-    "Pool",
-    "Processes",
-    "attempt",
-    "n_cores",
-    "thread_limits",
-]
+__all__ = ["Batch", "InProcess", "Limits", "Pool", "Processes", "attempt", "n_cores", "thread_limits"]
 
 
 class InProcess(Executor):

@@ -363,10 +363,10 @@ def _tables(raw: Mapping[str, Any], problems: Problems, text: str) -> StudyFile:
                 table: Any = Annotated[declared.annotation, declared]
                 valid[name] = TypeAdapter(table).validate_python(raw[name])
             elif declared.is_required():
-                asked = re.search(rf"((?:^# .+\n)+)# \[{name}\]$", text, re.MULTILINE)
-                first = asked[1].strip("# \n").replace("\n# ", "; ") if asked else ""
-                how = f"is in comments; answer first: {first}; then remove the # before its lines"
-                problems.add((), f"table [{name}] {how}" if first else f"missing table [{name}]; add it")
+                commented = re.search(rf"((?:^#.*\n)+)# \[{name}\]$", text, re.MULTILINE)
+                asked = re.findall("^# answer first: (.+)", commented[1], re.MULTILINE) if commented else []
+                how = f"is in comments; answer first: {'; '.join(asked)}; then remove the # before its lines"
+                problems.add((), f"table [{name}] {how}" if asked else f"missing table [{name}]; add it")
         except ValidationError as error:
             problems.add_invalid((name,), error, declared.annotation)
     for name in raw.keys() - StudyFile.model_fields.keys():

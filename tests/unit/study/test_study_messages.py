@@ -36,9 +36,12 @@ def test_missing_tables_are_named(tmp_path: Path, plugins: Plugins) -> None:
 
 
 def test_a_table_in_comments_repeats_its_question(tmp_path: Path, plugins: Plugins) -> None:
-    asked = '# which is the depth? name it\n# give scale\n# [experiment]\n# loader = "csv"\n'
+    asked = "# answer first: which is the depth? name it\n# answer first: give scale\n# or not\n"
+    asked = f'# a remark\n{asked}# [experiment]\n# loader = "csv"\n'
     shown = "[experiment] is in comments; answer first: which is the depth? name it; give scale; then remove"
     assert any(shown in line for line in messages(tmp_path, plugins, asked))
+    remark = "# a study of mine\n# [experiment]\n"
+    assert any("missing table [experiment]; add it" in line for line in messages(tmp_path, plugins, remark))
 
 
 @pytest.mark.parametrize(

@@ -72,11 +72,7 @@ class LoadControl:
         return found
 
     def reach(
-        self,
-        start: LoadTrial,
-        memory: Memory,
-        aim: Aim,
-        begin: Callable[[FloatArray, ContactState], Start],
+        self, start: LoadTrial, memory: Memory, aim: Aim, begin: Callable[[FloatArray, ContactState], Start]
     ) -> LoadTrial:
         """Go from an equilibrium state to an aim; ``begin`` gives displacements for the first trial.
 

@@ -44,10 +44,7 @@ class Model:
     """
 
     def __init__(
-        self,
-        limb: Limb,
-        materials: Mapping[str, Material],
-        mean_dilatation: bool | Collection[str],
+        self, limb: Limb, materials: Mapping[str, Material], mean_dilatation: bool | Collection[str]
     ) -> None:
         mesh = in_spot_frame(limb)
         self.body = Body(mesh, materials, mean_dilatation, spot_axes(limb.spot.normal, limb.spot.along))

@@ -129,11 +129,7 @@ class LinearSolver:
             self._factor = _factor(self._pattern, "single")
 
     def solve(
-        self,
-        matrix: FloatArray,
-        preconditioner: Callable[[], FloatArray],
-        rhs: FloatArray,
-        tolerance: float,
+        self, matrix: FloatArray, preconditioner: Callable[[], FloatArray], rhs: FloatArray, tolerance: float
     ) -> FloatArray:
         """Solution to the relative residual ``tolerance``.
 
@@ -167,11 +163,7 @@ class LinearSolver:
         raise np.linalg.LinAlgError("the tangent is singular or far from symmetric")
 
     def solve_all(
-        self,
-        matrix: FloatArray,
-        preconditioner: Callable[[], FloatArray],
-        rhs: FloatArray,
-        tolerance: float,
+        self, matrix: FloatArray, preconditioner: Callable[[], FloatArray], rhs: FloatArray, tolerance: float
     ) -> FloatArray:
         """Solutions (m, n) of several right-hand sides (m, n), in one Krylov space.
 

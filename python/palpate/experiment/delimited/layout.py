@@ -32,7 +32,7 @@ NO_VALUE = r"(?i:[+-]?nan|na|n/a|null|none|-|--|)"
 _HEX = r"0[xX][0-9A-Fa-f]+"
 _DATE = (
     r"(?i:(\d{1,4}[-/.]\d{1,2}[-/.]\d{1,4}[T ]+\d{1,2}:\d\d(:\d\d([.,]\d+)?)?|\d{1,2}:\d\d:\d\d([.,]\d+)?)"
-    r"( ?[AP]M)?(Z|\+00:00)?)"
+    r"( ?[AP]M)?(Z|[+-]\d\d:\d\d)?)"
 )
 NO_NUMBERS = ("text", "hex")
 """Kinds of columns that are not read."""
@@ -238,9 +238,11 @@ def find_layout(source: str, lines: "pl.DataFrame", wanted: TextFormat) -> Layou
     header, below = _header(rows, kinds, start, wanted)
     sampled = rows[below : below + _SAMPLED_ROWS]
     names = _names(body["text"][header], delimiter, width) if header is not None else wanted.names or []
+    over: list[str] = []
     if header is not None and wanted.names is None:
-        over = body_of(every.filter(every["line"] == numbers[header] - 1), comment)
-        names = _apart(names, _rows(over, delimiter)[0] if len(over) else [])
+        nearest = body_of(every.filter(every["line"] == numbers[header] - 1), comment)
+        over = _rows(nearest, delimiter)[0] if len(nearest) else []
+        names = _apart(names, over)
         # R counts the rows, and names no column for it.
         counts = [row[0] for row in sampled if len(row) == len(names) + 1]
         are_counts = len(counts) > 1 and counts == [str(k) for k in range(1, len(sampled) + 1)]
@@ -266,11 +268,13 @@ def find_layout(source: str, lines: "pl.DataFrame", wanted: TextFormat) -> Layou
     if below > 0 and (measured := [cells for cells in under if _is_units_line(cells)]):
         units = [bare_unit(cell) for cell in measured[-1]]
     else:  # a name's own unit counts first: LabVIEW labels what nobody has set with volts
-        labelled = next((labels[label] for label in reversed(labels) if label in _UNIT_LABELS), [])
-        given = zip(names[1:], labelled, strict=False)
-        units = ["", *("" if unit_in(name)[1] else bare_unit(cell) for name, cell in given)]
+        labelled = (["", *labels[label]] for label in reversed(labels) if label in _UNIT_LABELS)
+        given = zip(names, next(labelled, over if _is_units_line(over) else []), strict=False)
+        units = ["" if unit_in(name)[1] else bare_unit(cell) for name, cell in given]
     kinds_of = _kinds(len(names), sampled, decimal)
     units = [*units, *[""] * len(names)][: len(names)]
+    if len({*names}) < len({*zip(names, units, strict=True)}):  # of one name the units tell columns apart
+        names = [f"{n} ({unit})" if names.count(n) > 1 else n for n, unit in zip(names, units, strict=True)]
     for index in (k for k, kind in enumerate(kinds_of) if kind == "quantity"):
         units[index] = unit_of_cell(rows[below][index], decimal)
     return Layout(
@@ -489,8 +493,7 @@ def _kinds(n_columns: int, rows: Sequence[Sequence[str]], decimal: str) -> tuple
         cells = [row[index] for row in rows if index < len(row)]
         # 4E20 is no number where other cells of its length are 4E3F.
         is_bare = len({*map(len, cells)}) == 1 and all(re.fullmatch("[0-9A-F]{4,8}", cell) for cell in cells)
-        has_letters = any(re.search(r"\d[A-DF]", cell) for cell in cells)
-        whole = "hex" if is_bare and has_letters else whole
+        whole = "hex" if is_bare and any(re.search(r"\d[A-DF]", cell) for cell in cells) else whole
         n_marked = sum(bool(re.fullmatch(THOUSANDS[decimal], row[index])) for row in rows if index < len(row))
         n_numbers = max(kinds.count("number"), n_marked) + kinds.count("none")
         found.append(whole or ("number" if 2 * n_numbers >= len(kinds) else "text"))

@@ -476,7 +476,7 @@ def _numbers(cells: "pl.Series", decimal: str, place: int | None) -> tuple[Float
 
 def _seconds(cells: "pl.Series") -> tuple[FloatArray, "pl.Series"]:
     """Seconds since the first row of a column of dates, and where a cell is none."""
-    text = cells.str.strip_chars().str.replace(r"(Z|\+00:00)$", "").str.replace(",", ".", literal=True)
+    text = cells.str.strip_chars().str.replace(r"(Z|[+-]\d\d:\d\d)$", "").str.replace(",", ".", literal=True)
     text = text.str.replace(r"^(\d{1,2}:)", "1970-01-01 ${1}").str.replace(r"[T ]+", " ").str.to_uppercase()
     tried = (text.str.to_datetime(each, strict=False, time_unit="ns") for each in _FORMATS)
     stamps = min(tried, key=lambda found: found.null_count())

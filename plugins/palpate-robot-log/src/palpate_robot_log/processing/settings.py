@@ -55,8 +55,7 @@ class Gravity(Settings):
     )
     weight: Weight | None = Field(default=None, description="Weight of all that the sensor carries.")
     centre: Offset = Field(
-        default=(0.0, 0.0, 0.0),
-        description="Its centre in the sensor's frame, from where moments are about.",
+        default=(0.0, 0.0, 0.0), description="Its centre in the sensor's frame, from where moments are about."
     )
     direction: Direction = Field(
         default=(0.0, 0.0, -1.0), description="Direction of gravity in the base frame."
@@ -125,9 +124,7 @@ class Smoothing(Settings):
 
     method: Literal["savgol", "none"] = Field(default="savgol", description="Savitzky-Golay, or none.")
     window: Seconds | None = Field(
-        default=None,
-        gt=0.0,
-        description="Savitzky-Golay window; as long as its bias allows when left out.",
+        default=None, gt=0.0, description="Savitzky-Golay window; as long as its bias allows when left out."
     )
     order: int = Field(default=3, ge=1, le=5, description="Degree of the Savitzky-Golay polynomial.")
 

@@ -168,10 +168,10 @@ def _log(
             names = labels
         for one, column, unit in zip(names, matrix.T, shown, strict=True):
             columns[one] = Column(name=one, values=column, unit=unit)
-    found += [f"no columns of numbers: {listed(passed_over, 6)}"] if passed_over else []
     if not by_length:
-        why = "; ".join(found) or "it is empty"
+        why = "; ".join([*found, listed(passed_over, 6)] if passed_over else found) or "it is empty"
         raise CurveError(f"{path}: no columns of numbers ({why}); save vectors or matrices of doubles")
+    found += [f"no columns of numbers: {listed(passed_over, 6)}"] if passed_over else []
     streams = tuple(
         Stream.of(columns.values(), name=f"{n_rows} rows" if len(by_length) > 1 else "")
         for n_rows, columns in by_length.items()

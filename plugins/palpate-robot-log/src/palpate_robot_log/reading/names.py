@@ -5,7 +5,7 @@ A word is looked up without accents and in small letters; German compounds are k
 
 import re
 import tomllib
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping, Sequence, Set
 from importlib.resources import files
 from itertools import chain, pairwise
 from typing import NamedTuple
@@ -229,8 +229,20 @@ class Test(NamedTuple):
     questions: tuple[str, ...]
 
 
-def test_of(strain: Column, stress: Column, columns: Sequence[Column]) -> Test:
-    """Mode and measures of a homogeneous test by its names; other columns may show a compression."""
+def _mode_of(words: Set[str]) -> str:
+    """Mode of a homogeneous test by the words of its names."""
+    if words & (WORDS["shear"] | {"planar"}):
+        return "pure_shear" if {"pure", "planar"} & words else "simple_shear"
+    if words & WORDS["biaxial"]:
+        return "equibiaxial"
+    return "confined_compression" if "confined" in words and "unconfined" not in words else "uniaxial"
+
+
+def test_of(strain: Column, stress: Column, columns: Sequence[Column], stated: Set[str]) -> Test:
+    """Mode and measures of a homogeneous test by its names.
+
+    Where they are open, other columns and the words ``stated`` above the names may show them.
+    """
     along, of = (
         {*words, *map("".join, pairwise(words))} for words in (words_of(strain.name), words_of(stress.name))
     )  # pk2 is a word, and pk and 2 are
@@ -248,20 +260,16 @@ def test_of(strain: Column, stress: Column, columns: Sequence[Column]) -> Test:
         kind = [] if "piola" in of else ["true"]  # Kirchhoff's stress is J σ, and J is 1
     if {"piola"} & of and not kind:
         questions.append(f'{stress.name}: first or second Piola-Kirchhoff? write stress = "nominal" or "pk2"')
-    elif not kind and (not of & {*ROLES["stress"].words} or (any(measure) and not questions)):
+    elif not kind and (
+        not {*ROLES["stress"].words}.intersection(map(_simple, of)) or any(measure) > bool(questions)
+    ):
         questions.append(f"{stress.name}: true, second Piola-Kirchhoff or nominal? write it as stress")
     for column, found in ((strain, measure), (stress, kind)):
         if len(found) > 1:
             questions.append(f"{column.name}: the name has two measures; write one in the settings")
-    mode = "uniaxial"
-    if both & WORDS["shear"]:
-        mode = "pure_shear" if {"pure", "planar"} & both else "simple_shear"
-    elif {"planar"} & both:
-        mode = "pure_shear"
-    elif both & WORDS["biaxial"]:
-        mode = "equibiaxial"
-    elif "confined" in both and "unconfined" not in both:
-        mode = "confined_compression"
+    of_mode = WORDS["shear"] | WORDS["biaxial"] | WORDS["tensile"] | WORDS["compressive"]
+    both |= set() if both & of_mode else stated & (of_mode | {"pure", "planar", "confined", "unconfined"})
+    mode = _mode_of(both)
     is_open = mode == "uniaxial" and not both & WORDS["tensile"]
     others = [(one.values, {*words_of(one.name)}) for one in columns if is_open]
     named = both.union(

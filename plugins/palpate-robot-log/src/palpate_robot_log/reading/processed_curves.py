@@ -1,6 +1,6 @@
 """Curves and homogeneous tests that are no log, recognised by their columns and proposed for their loader."""
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence, Set
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -30,8 +30,8 @@ from palpate_robot_log.robot_log import ColumnsLoader
 
 _ROLES = {"force": ("travel", "force"), "torque": ("angle", "moment")}
 _FEWEST_OF_ROBOT = 7  # a time, a position and a force
-_AT_REST = 0.02
-"""Share of a range up to which a value is next to zero."""
+_AT_REST, _FARTHEST = 0.02, 0.999
+"""Shares of a range up to which a value is next to zero, and from which it is the farthest."""
 
 _MOST = (10.0, 90.0)
 """Percentiles between which most rows are, without the begin of a creep test."""
@@ -59,9 +59,9 @@ def spans_of(curves: Mapping[str, Curve]) -> str:
 def curves_of(log: RawLog, *, has_place: bool = False) -> Proposal | None:
     """Settings for the curves of a press, or a homogeneous test, in a table; None where it has neither."""
     columns = [column for stream in log.streams for column in stream.columns.values()]
-    found = (
-        _homogeneous(columns) or _curves(columns, _stated(log)) or (None if has_place else _unnamed(columns))
-    )
+    stated = {*words_of(log.preamble)}
+    found = _homogeneous(columns, stated) or _curves(columns, _test_in(stated))
+    found = found or (None if has_place else _unnamed(columns))
     if found is None:
         return None
     # The loader finds the separator by itself.
@@ -133,12 +133,14 @@ def _unit_of(one: Picked, role: str) -> tuple[str, str]:
     return f"{one.column.name} {ask}", ""
 
 
-def _stated(log: RawLog) -> str:
-    """Test other than a press that the text above the names states, also by two sizes of a specimen."""
-    words = {*words_of(log.preamble)}
-    tests = [] if words & (WORDS["compressive"] | WORDS["press"]) else ["tensile_test", "bending_test"]
-    by_sizes = "".join(tests[: len(words & WORDS["sizes"]) > 1])
-    return next((test for test in tests if words & WORDS[test]), by_sizes)
+def _test_in(stated: Set[str]) -> str:
+    """Test other than a press in the words above the names, also by two sizes of a specimen."""
+    if stated & (WORDS["compressive"] | WORDS["press"]):
+        return ""
+    by_sizes = "tensile_test" if len(stated & WORDS["sizes"]) > 1 else ""
+    return next(
+        (test for test in ("shear", "tensile_test", "bending_test") if stated & WORDS[test]), by_sizes
+    )
 
 
 def _curves(columns: Sequence[Column], stated: str) -> Proposal | None:
@@ -156,13 +158,11 @@ def _curves(columns: Sequence[Column], stated: str) -> Proposal | None:
             question, remark = _unit_of(one, role)
             questions += [question] * bool(question)
             remarks += [remark] * bool(remark)
-        bent = [column.name for column in columns if WORDS["cantilever"] & {*words_of(column.name)}]
+        named = [(column.name, words_of(column.name)) for column in columns]
+        bent = [n for n, words in named if WORDS["cantilever"] & {*words} and not has_role(words, "travel")]
         if along.column.name in bent and len(bent) > 1:
             ask = "depth is the way less the deflection of the cantilever"
             questions.append(f"{', '.join(bent)}: {ask}; add a column of it")
-        if {"extension", "ext"} & {*words_of(along.column.name)}:
-            ask = "if a specimen is pulled, give its stress and strain instead"
-            remarks.append(f"check {along.column.name}: a press is assumed; {ask}")
         if channel == FORCE.name:
             channels[channel], placed = _placed(along, of)
             remarks += placed
@@ -180,8 +180,9 @@ def _curves(columns: Sequence[Column], stated: str) -> Proposal | None:
     if stated == "bending_test":
         ask = "the file states a bending test: give a press, or stress and strain of a specimen"
         return Proposal(test="uniaxial", questions=(ask,))
-    if (stated == "tensile_test" or names & (WORDS["tensile"] | WORDS["shear"])) and FORCE.name in channels:
-        return _specimen(columns, "simple_shear" if names & WORDS["shear"] else "uniaxial")
+    is_shear = stated == "shear" or names & WORDS["shear"]
+    if (is_shear or stated == "tensile_test" or names & WORDS["tensile"]) and FORCE.name in channels:
+        return _specimen(columns, "simple_shear" if is_shear else "uniaxial")
     return Proposal(entries=_entries(channels), remarks=tuple(remarks), questions=tuple(questions))
 
 
@@ -197,7 +198,9 @@ def _specimen(columns: Sequence[Column], mode: str = "uniaxial") -> Proposal | N
     channels, sizes = dict[str, Any](), list[str]()
     for key, (role, instead, size) in _SIZES.items():
         offset = 1.0 if key == "abscissa" and mode == "uniaxial" else 0.0
-        if (found := pick(columns, role)) is not None:
+        if role == "strain" and (found := pick(columns, "stretch")) is not None:
+            channels[key] = _column(found)
+        elif (found := pick(columns, role)) is not None:
             channels[key] = _column(found, offset=offset)
         elif (found := pick(columns, instead)) is not None and found.factor is not None:
             channels[key] = {"name": found.column.name, "scale": f"1 / {size}"}
@@ -223,14 +226,16 @@ def _placed(depth: Picked, force: Picked) -> tuple[dict[str, Any], list[str]]:
     """Columns of the force over a depth that begins at 0 and grows, and of a force that pushes back."""
     is_there = np.isfinite(depth.column.values) & np.isfinite(force.column.values)
     x, y = depth.column.values[is_there], force.column.values[is_there]
-    remarks: list[str] = []
+    press = "a press is assumed, as the file states no test; of a specimen give stress and strain"
+    is_depth = bool(WORDS["depth"] & {*words_of(depth.column.name)})
+    remarks = [] if is_depth else [f"check {depth.column.name}: {press}"]
     if x.size < 2 or not np.ptp(x) or not np.ptp(y):
         return {"abscissa": _column(depth), "ordinate": _column(force)}, remarks
     farthest = int(np.argmax(np.abs(x - x[0])))
     sense = -1.0 if x[farthest] < x[0] else 1.0
+    approach = _approach(sense * (x - x[0])[: farthest + 1], y[: farthest + 1])
     # What begins under load is a part of a curve, whose zero the file does not show.
-    unloaded = abs(float(y[0])) <= _AT_REST * float(np.abs(y).max())
-    approach = _approach(sense * (x - x[0])[: farthest + 1], y[: farthest + 1]) if unloaded else 0.0
+    unloaded = approach > 0.0 or abs(float(y[0])) <= _AT_REST * float(np.abs(y).max())
     shift = -sense * float(x[0]) - approach if unloaded else 0.0
     shift = shift if abs(shift) > _AT_REST * np.ptp(x) else 0.0
     is_deep = np.abs(x - x[0]) > np.abs(x[farthest] - x[0]) / 2.0
@@ -243,20 +248,33 @@ def _placed(depth: Picked, force: Picked) -> tuple[dict[str, Any], list[str]]:
         remarks.append(f"{depth.column.name} {way}: {turned}{zero}")
     if push < 0.0:
         remarks.append(f"{force.column.name} is negative under load: its sign is turned")
+    free = float(np.median(y[sense * (x - x[0]) < _FREE * approach])) if approach else 0.0
+    free = free if abs(free) > _AT_REST * np.ptp(y) else 0.0
+    if free:
+        remarks.append(f"{force.column.name} is {free:.4g} in free air, which is subtracted")
     settings: dict[str, Any] = {
         "abscissa": _column(depth, sense, shift * (depth.factor or 1.0)),
-        "ordinate": _column(force, push),
+        "ordinate": _column(force, push, -push * free * (force.factor or 1.0)),
     }
     if approach:
         settings["rows"] = "loading"
         remarks.append("the rows before first contact are left out")
-    if abs(x[-1] - x[farthest]) > _AT_REST * np.ptp(x) and farthest < x.size - 1:
-        settings["rows"] = "loading"
-        remarks.append(
-            f"{depth.column.name} has a way back: the last rows up to {x[farthest]:.4g} are kept; to use "
-            'all, remove rows = "loading" and give [protocol] the way back'
-        )
-    return settings, remarks
+    rows, more = _loading(depth.column)
+    return settings | rows, [*remarks, *more]
+
+
+def _loading(along: Column) -> tuple[dict[str, Any], list[str]]:
+    """Setting and remark where rows follow the farthest value: of a rest, or of a way back."""
+    x = along.values[np.isfinite(along.values)]
+    away = np.abs(x - x[0])
+    behind = x[int(np.argmax(away >= _FARTHEST * away.max())) :]
+    if behind.size <= max(2, _AT_REST * x.size):
+        return {}, []
+    kept = f"the rows up to {behind[0]:.4g} are kept"
+    if np.ptp(behind) <= _AT_REST * np.ptp(x):
+        return {"rows": "loading"}, [f"{along.name} rests there, as in relaxation: {kept}"]
+    more = 'to use all, remove rows = "loading"; a [protocol] has to have the way back'
+    return {"rows": "loading"}, [f"{along.name} has a way back: {kept}; {more}"]
 
 
 def _approach(travel: FloatArray, force: FloatArray) -> float:
@@ -286,7 +304,7 @@ def _open(along: Picked, stress: Picked, columns: Sequence[Column], *, is_stretc
     yield from filter(None, (stress.question("stress"), along.question("strain")))
     spread = np.ptp(np.nanpercentile(stress.column.values, _MOST))
     if not spread > _AT_REST * np.nanmax(abs(stress.column.values)):
-        yield f"{stress.column.name} hardly changes, as in creep: give a test of loading"
+        yield f"{stress.column.name} hardly changes, as in creep or fatigue: give a test of loading"
     if stress.factor is None and not stress.column.shown_unit:
         yield f"{stress.column.name} shows no unit of stress: give scale, the factor to MPa"
     largest = float(np.nanmax(np.abs(along.column.values), initial=0.0))
@@ -296,7 +314,7 @@ def _open(along: Picked, stress: Picked, columns: Sequence[Column], *, is_stretc
         yield f"{stress.column.name}: amplitudes of an oscillation are no curve; give a test of loading"
 
 
-def _homogeneous(columns: Sequence[Column]) -> Proposal | None:
+def _homogeneous(columns: Sequence[Column], stated: Set[str]) -> Proposal | None:
     """Stress of a homogeneous test over its stretch, strain or shear; None without both."""
     stress, along = pick(columns, "stress"), pick(columns, "stretch") or pick(columns, "strain")
     if stress is None or along is None:
@@ -306,7 +324,7 @@ def _homogeneous(columns: Sequence[Column]) -> Proposal | None:
             ask = f"{' or '.join(alike)}? name one pair of strain and stress"
             return Proposal(test="uniaxial", questions=(ask,))
         return None
-    test = test_of(along.column, stress.column, columns)
+    test = test_of(along.column, stress.column, columns, stated)
     is_stretch = bool({"stretch", "lambda", "streckung"} & {*words_of(along.column.name)})
     signs, remarks = _signs(along.column.values, stress.column.values, test, is_stretch=is_stretch)
     is_nominal = not test.strain and not is_stretch and test.mode != "simple_shear"
@@ -315,6 +333,7 @@ def _homogeneous(columns: Sequence[Column]) -> Proposal | None:
         "ordinate": _column(stress, signs[1]),
     }
     columns_of |= {key: of for key, of in (("strain", test.strain), ("stress", test.stress)) if of}
+    rows, rests = _loading(along.column)
     questions = [*test.questions, *_open(along, stress, columns, is_stretch=is_stretch)]
     if test.stress and is_nominal:
         remarks = [*remarks, f"check {along.column.name}: a nominal strain is assumed"]
@@ -327,9 +346,9 @@ def _homogeneous(columns: Sequence[Column]) -> Proposal | None:
         if measure
     ]
     return Proposal(
-        entries=_entries({test.mode: columns_of}),
+        entries=_entries({test.mode: columns_of | rows}),
         test=test.mode,
-        remarks=(*along.remarks, *stress.remarks, *remarks, *converted),
+        remarks=(*along.remarks, *stress.remarks, *remarks, *converted, *rests),
         questions=tuple(questions),
     )
 

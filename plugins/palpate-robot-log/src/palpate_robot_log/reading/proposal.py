@@ -62,7 +62,8 @@ class Proposal:
             text = f"# {measured}: the key is the mode of the test\n{text}"
         if not self.questions or any(entry.is_open for entry in self.entries):
             return text
-        return "".join(f"# {line}".rstrip() + "\n" for line in [*self.questions, *text.splitlines()])
+        asked = [f"answer first: {question}" for question in self.questions]
+        return "".join(f"# {line}".rstrip() + "\n" for line in [*asked, *text.splitlines()])
 
 
 def validated(kind: type[Settings], settings: Mapping[str, Any]) -> Any:  # noqa: ANN401 - of the kind

@@ -82,6 +82,10 @@ def propose(log: RawLog) -> LogGuess:
         stage = Guess(entry=_DOWN, stream=ranked["position"][0].stream)
         ranked["orientation"] = [stage.with_check("no orientation is found: the tool never turns")]
     force = ranked["force"][0] if "force" in ranked else None
+    arm = words_of(force.names[0])[0] if force else ""
+    for poses in (ranked.get("position", []), ranked.get("orientation", [])) if arm else ():
+        # Of two arms alike, the one whose force is there: right_x next to right_fx.
+        poses.sort(key=lambda one: ((one.rank or ())[:4], all(arm not in words_of(n) for n in one.names)))
     force_extent = extent(complete_rows(log.columns(force.stream, force.names))) if force else 0.0
     guesses = {name: with_unit(log, name, guesses[0], force_extent) for name, guesses in ranked.items()}
     streams = {each.stream for each in guesses.values()}
