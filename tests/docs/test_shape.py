@@ -18,8 +18,8 @@ ROOT = Path(__file__).parents[2]
 LONGEST_FILE = 500
 LONGEST_FUNCTION = 45
 MOST = {
-    "lines": 76_810,
-    "lines of the core": 33_232,
+    "lines": 76_807,
+    "lines of the core": 33_229,
     "classes": 654,
     "constants": 731,
     "long files": 0,

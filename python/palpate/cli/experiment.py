@@ -67,7 +67,7 @@ def experiment(
         ]
         for row in rows
     ]
-    heads = ["spot", "channel", "points", "presses", "over", "values", "largest std"]
+    heads = ["spot", "channel", "points", "presses", "over", "values", "largest sd"]
     session.table("Measured curves", heads, cells)
     show_cycles(session, measured)
     if plots:
@@ -84,24 +84,21 @@ def show_cycles(session: Session, measured: "Mapping[str, Response]") -> None:
         channels = dict.fromkeys(name for row in rows for name in row.get("peaks", ()))
         cells = []
         for row in rows:
-            shown = map(_number, (row["start_s"], row.get("depth_mm")))
-            cell = [f"{row['cycle']}{' (counts)' * row['counts']}", *shown]
+            cell = [f"{row['cycle']}{' (counts)' * row['counts']}", row["start_s"], row.get("depth_mm")]
             for name in channels:
                 change = row.get("changes", {}).get(name, {})
-                cell.append(_number(row.get("peaks", {}).get(name)))
-                cell += (_number(change.get(key), percent=True) for key in ("share", "since_first"))
-            cells.append([*cell, _number(row.get("work_Nmm"))])
-        peaks = (f"{name} [{session.plugins.channels[name].units[1]}]" for name in channels)
+                cell.append(row.get("peaks", {}).get(name))
+                cell += (_percent(change.get(key)) for key in ("share", "since_first"))
+            cells.append([*cell, row.get("work_Nmm")])
+        peaks = (f"{name} ({session.plugins.channels[name].units[1]})" for name in channels)
         heads = [head for peak in peaks for head in (peak, "since before", "since first")]
-        session.table(f"Cycles of {file}", ["cycle", "from [s]", "depth [mm]", *heads, "work [N·mm]"], cells)
+        session.table(f"Cycles of {file}", ["cycle", "from (s)", "depth (mm)", *heads, "work (N·mm)"], cells)
         for row in (row for row in rows if row["problem"]):
             session.say(f"cycle {row['cycle']} cannot be processed: {row['problem']}")
 
 
-def _number(value: float | None, *, percent: bool = False) -> str | None:
-    if value is None:
-        return None
-    return f"{100.0 * value:+.1f} %" if percent else f"{value:.4g}"
+def _percent(value: float | None) -> str | None:
+    return None if value is None else f"{100.0 * value:+.1f} %"
 
 
 STAGE = "study"

@@ -296,7 +296,7 @@ def _tables(log: RawLog, streams: Sequence[Mapping[str, Any]]) -> tuple[Inspecte
             columns.append(
                 (name, column["name"], unit, *numbers, str(column["n_missing"]), role, column["note"])
             )
-    of_clocks = ("stream", f"{log.row_word}s", "from [s]", "to [s]", "rate [Hz]", "longest gap [s]")
+    of_clocks = ("stream", f"{log.row_word}s", "from (s)", "to (s)", "rate (Hz)", "longest gap (s)")
     of_columns = ("stream", "column", "unit", "least", "largest", "missing", "taken for", "note")
     return (
         InspectedTable(title=f"{log.source}: {log.format}", columns=of_clocks, rows=tuple(clocks)),
