@@ -49,7 +49,7 @@ from palpate_certainty.tables import certainty_tables
 from palpate_prediction.bands import ends, linear, with_model_error
 
 BETWEEN = 0.1
-"""Standard deviation between spots, over the value."""
+"""Standard deviation between spots, of the logarithms."""
 SPOTS = ("p1", "p2", "p3", "p4", "p5")
 FITTED, NEW = ("p2", "p4"), ("p1", "p3")
 LAWS = ("ogden", "yeoh", "neo-Hookean")
@@ -67,7 +67,7 @@ class Spots(Places):
 
 def differing(study, row, rng, *, spot, shared):
     """Curves of a spot with values of its own."""
-    own = row * (1.0 + BETWEEN * rng.normal(size=row.size))
+    own = row * np.exp(BETWEEN * rng.normal(size=row.size))
     box = np.array([(p.physical_lower, p.physical_upper) for p in study.space.parameters])
     return measured_at(study, np.clip(own, *box.T), rng, spot=spot, shared=shared, true=Spots)
 

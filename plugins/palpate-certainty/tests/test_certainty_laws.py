@@ -284,11 +284,11 @@ def test_the_mean_and_the_spread_of_spots_that_differ_are_in_their_intervals(n_s
     for _ in range(worlds):
         own = sd * rng.normal(size=(n_spots, 3))
         residuals = drawn(rng, covariance) + (jacobian * own[rows.spot]).sum(axis=1)
-        found = differences(residuals, jacobian, errors, rows)
+        found = differences(residuals, jacobian, errors, rows, np.zeros(3), np.zeros(3))
         causes = {**errors, SPOTS: found.columns(jacobian, rows)}
         mean = laplace(np.zeros(3), residuals, jacobian, causes, scores, together=same_spot(scores, rows))
         most = student.ppf(0.975, found.freedom_with(mean.shares[SPOTS], 1e9))
-        held += (np.abs(mean.centre) < most * mean.sd).tolist()
+        held += (np.abs(found.mean) < most * np.sqrt(np.diag(found.covariance))).tolist()
         spread += ((found.ends[:, 0] <= sd) & (sd <= found.ends[:, 1])).tolist()
         assert ((found.ends[:, 0] <= found.sd) & (found.sd <= found.ends[:, 1])).all()
     assert 0.88 < np.mean(held) <= 1.0

@@ -49,6 +49,8 @@ def test_spots_that_differ_have_a_standard_deviation_with_the_digits_of_its_inte
     for row in rows.to_dicts():
         assert rounded(row["sd"], row["lower"], row["upper"]) in spots
     assert "they differ, standard deviation between spots (95 % interval): stiffness = " in spots
+    own = fitted.fit.intervals.filter(pl.col("fit").is_in(["p1", "p2"]), parameter=rows["parameter"][0])
+    assert f", spots {min(own['value']):.3g} to {max(own['value']):.3g} MPa; " in spots
     assert make_conclusion(fitted, {}).lines(fitted.study)["Spots"] in spots
 
 

@@ -223,20 +223,11 @@ def checks(
     alike: float | None,
     in_ranges: float,
 ) -> Iterator[Check]:
-    """Check the residuals of a fit.
+    """Check the residuals of a fit, by channel number, and the result of :func:`shape_of`.
 
-    Parameters
-    ----------
-    found : mapping of channel number to Misfit
-    expected : mapping of channel number to float
-        Discrepancy of a good model, over the peak.
-    close : mapping of channel number to Closeness
-    shape : (float, mapping)
-        As :func:`shape_of` returns it.
-    alike : float, optional
-        Probability of spots that differ so much by errors alone; they may, and it takes nothing away.
-    in_ranges : float
-        Probability of a fit that, without its bounds, would end as far outside of the ranges.
+    A good model has a discrepancy of the ``expected`` size over the peak. Spots differ so much by errors
+    alone with the probability ``alike``: they may, and it takes nothing away. Without its bounds a fit would
+    end as far outside of the ranges with the probability ``in_ranges``.
     """
     for channel, misfit in found.items():
         p = 2.0 * float(scipy.stats.norm.sf(misfit.unexplained / expected[channel]))

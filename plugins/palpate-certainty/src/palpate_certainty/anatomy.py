@@ -30,14 +30,8 @@ def noted_position_mm(study: Study, spot: str) -> float:
 def changed_limb(limb: Limb, kind: str, of: str, by: float) -> Limb:
     """Limb that one of :data:`OF_LIMB` has changed; the same one where there is nothing to change.
 
-    Parameters
-    ----------
-    limb : Limb
-    kind : str
-    of : str
-        Axis of the spot's frame for a position, region for a layer.
-    by : float
-        Shift of the spot, or of the bones towards it, in mm; share of a layer's thickness.
+    It is ``of`` an axis of the spot's frame for a position, or a region for a layer, ``by`` a shift of the
+    spot, or of the bones towards it, in mm, or a share of the layer's thickness.
     """
     if kind == "position":
         return at_another_spot(limb, (by, 0.0) if of == "x" else (0.0, by))

@@ -2,7 +2,7 @@
 
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from types import MappingProxyType
 from typing import Any, Self
 
@@ -23,7 +23,7 @@ from palpate.api import (
 from palpate.api.executors import StoppedError
 from palpate.api.fit import Adequacy, Case, Fit, channel_of
 from palpate.api.runs import Study, relaxation_of
-from palpate_certainty.adequacy import Check, Closeness, checks, closeness_of, is_beyond, misfits, shape_of
+from palpate_certainty.adequacy import Check, checks, closeness_of, is_beyond, misfits, shape_of
 from palpate_certainty.assumptions import ASSUMED
 from palpate_certainty.error_sources import (
     MESH,
@@ -35,11 +35,11 @@ from palpate_certainty.error_sources import (
     mesh_errors,
 )
 from palpate_certainty.likeliest import likeliest
-from palpate_certainty.linear_problem import PRIORS, LinearProblem, ResidualErrors, errors_of, linearised
+from palpate_certainty.linear_problem import PRIORS, LinearProblem, errors_of, linearised
 from palpate_certainty.mesh_error import SpotMesh, is_stated
 from palpate_certainty.noise_model import ResidualLayout, layout_of
 from palpate_certainty.profiles import planes_of_fits
-from palpate_certainty.tables import Assessed, certainty_tables, density_of, most_likely
+from palpate_certainty.tables import Assessed, certainty_tables, density_of, logs_of, most_likely, of_mean
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -156,35 +156,33 @@ class Assessment:
     ) -> Assessed:
         """Assess a case: its covariance, and whether the model describes its data.
 
-        Parameters
-        ----------
-        case : Case
-        points : LinearProblem
-            Of every measured point, around the end of the fit or around other values.
-        failures : mapping of ErrorSource to str
-            Why some causes could not be simulated.
-        first : Assessed, optional
-            Its noise and discrepancy serve here too if it has all channels: errors of some curves are no
-            smaller because others are left out.
-        again : Assessed, optional
-            One of the same case, around whose values curves are linear; its misfits count.
-        is_likeliest : bool
-            Whether these values are the most likely ones.
+        Noise and discrepancy of ``first`` serve here too if it has all channels: errors of some curves are no
+        smaller because others are left out. Curves may be linear around the values of the same case assessed
+        before (``again``), whose misfits count; ``is_likeliest``: these are the most likely.
         """
         end = case.end
         assert end is not None
         assert end.best is not None
         linear = points.averaged()
         errors = errors_of(linear, first.errors if first else None)
-        missed = again.misfits if again else misfits(points, linear, errors)
+        there = points
+        if errors.between is not None:  # each spot is at values of its own
+            changes = errors.between.changes(points.jacobian, points.rows)
+            there = replace(points, residuals=points.residuals + changes)
+        missed = again.misfits if again else misfits(there, linear, errors)
         shape = again.shape if again else shape_of(linear, errors)
         if shape[0] < ASSUMED.unusual or any(is_beyond(m, linear.expected[i]) for i, m in missed.items()):
             linear, errors = linear.like_fopt(errors)
         of_all, in_range = linear.weighed(errors, is_likeliest=is_likeliest)
-        density = density_of(of_all, end.problem)
-        # Where the curves count as in Fopt, the least of it is what was searched.
-        point = points.point if linear.is_like_fopt else most_likely(of_all, density, end.problem)
-        close = _closeness(end, points, point, errors)
+        if errors.between is not None:
+            density, point = of_mean(of_all, errors.between, end.problem)
+        else:
+            density = density_of(of_all, end.problem)
+            # Where the curves count as in Fopt, the least of it is what was searched.
+            point = points.point if linear.is_like_fopt else most_likely(of_all, density, end.problem)
+        if errors.between is None:
+            there = replace(points, residuals=points.residuals + points.jacobian @ (point - points.point))
+        close = closeness_of(there.residuals, end.problem.terms, points.channels)
         made = checks(missed, linear.expected, close, shape, errors.alike, of_all.in_ranges)
         return Assessed(
             case=case,
@@ -216,6 +214,7 @@ class Assessment:
             rows=rows,
             known=self._known(end, residuals, rows, columns),
             channels=channels,
+            logs=logs_of(end.problem.box),
             expected={i: self.study.budget.discrepancy_of(name) for i, name in enumerate(channels)},
         )
 
@@ -289,19 +288,6 @@ class Assessment:
             if any(np.any(each) for each in columns.values())
         }
         return known | {PRIORS: np.diag(np.where(rows.channel < 0, end.problem.noise, 0.0))}
-
-
-def _closeness(
-    end: Fit, points: LinearProblem, point: FloatArray, errors: ResidualErrors
-) -> Mapping[int, Closeness]:
-    """Closeness of the curves at the most likely values to each measured channel.
-
-    Where spots differ, each is at values of its own.
-    """
-    there = points.residuals + points.jacobian @ (point - points.point)
-    if errors.between is not None:
-        there = points.residuals + errors.between.changes(points.jacobian, points.rows)
-    return closeness_of(there, end.problem.terms, points.channels)
 
 
 def _left_out(case: Case, failures: Mapping[ErrorSource, str]) -> dict[str, str]:

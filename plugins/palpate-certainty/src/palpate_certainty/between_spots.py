@@ -1,11 +1,12 @@
 """Differences between spots: a random effect of each parameter that the spots share.
 
-Each spot has parameters of its own, spread around their mean. Their standard deviations are those that make
-the spots' own values most likely (restricted likelihood), and their intervals come from the Q-profile
+Each spot has parameters of its own, spread around their mean: moduli in logarithms, since two spots may
+differ manifold, and errors of curves grow with moduli. Their standard deviations are those that make the
+spots' own values most likely (restricted likelihood), and their intervals come from the Q-profile
 (Viechtbauer, Statistics in Medicine 26, 2007). In the residuals the differences are one more error source.
 """
 
-from collections.abc import Mapping
+from collections.abc import Collection, Mapping
 from dataclasses import dataclass
 
 import numpy as np
@@ -28,23 +29,32 @@ LEAST_SD, MOST_SD = 1e-5, 3.0
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class SpotDifferences:
-    """Standard deviations of parameters between spots, in ranges.
+    """Mean and standard deviations of parameters between spots, in coordinates of the box.
 
     Parameters
     ----------
     shared : (n,) integer array
         Numbers of the parameters that at least two spots have in common.
     own : (n_spots, n) array
-        Value of each spot by its own curves, minus the value of the joint fit.
+        Value of each spot by its own curves, minus the value of the joint fit, in ranges.
+    rates : (n,) array
+        Derivative of the joint value, as a share of its range, in the coordinate.
     sd : (n,) array
     ends : (n, 2) array
         95 % intervals of ``sd``.
+    mean : (n,) array
+        Of the spots' own values.
+    covariance : (n, n) array
+        Of the mean.
     """
 
     shared: IntArray
     own: FloatArray
+    rates: FloatArray
     sd: FloatArray
     ends: FloatArray
+    mean: FloatArray
+    covariance: FloatArray
 
     @property
     def freedom(self) -> float:
@@ -54,7 +64,8 @@ class SpotDifferences:
     def columns(self, jacobian: FloatArray, rows: ResidualLayout) -> FloatArray:
         """Change of the residuals (n, m) by one standard deviation of each parameter at each spot."""
         return np.concatenate(
-            [jacobian[:, self.shared] * self.sd * inside[:, None] for inside in _spots(rows)], axis=1
+            [jacobian[:, self.shared] * (self.rates * self.sd) * inside[:, None] for inside in _spots(rows)],
+            axis=1,
         )
 
     def changes(self, jacobian: FloatArray, rows: ResidualLayout) -> FloatArray:
@@ -100,26 +111,69 @@ def same_spot(scores: FloatArray, rows: ResidualLayout) -> FloatArray:
 
 
 def differences(
-    residuals: FloatArray, jacobian: FloatArray, causes: Mapping[str, FloatArray], rows: ResidualLayout
+    residuals: FloatArray,
+    jacobian: FloatArray,
+    causes: Mapping[str, FloatArray],
+    rows: ResidualLayout,
+    point: FloatArray,
+    logs: FloatArray,
+    *,
+    by_size: Collection[str] = (),
 ) -> SpotDifferences:
     """Estimate the differences between spots; at least two spots share a parameter.
 
     Parameters
     ----------
-    residuals : (n,) array
-    jacobian : (n, n_parameters) array
-        Of the residuals, per range.
-    causes : mapping of name to (n, m) array
+    residuals, jacobian, causes
         As :func:`palpate_certainty.laplace.laplace` takes them, without differences between spots.
+    point : (n_parameters,) array
+        Where the slopes are, as shares of the ranges.
+    logs : (n_parameters,) array
+        Logarithm of the upper over the lower bound of a modulus; 0 of a parameter that is no logarithm.
+    by_size : collection of str
+        Causes whose columns are shares of each measured curve; others have shares of the joint fit's.
     """
     shared, slopes = shared_parameters(jacobian, rows), by_spot(jacobian, rows)
-    n, n_spots = len(shared), len(_spots(rows))
+    logs, joint, n = logs[shared], point[shared], len(shared)
     found = laplace(np.zeros(slopes.shape[1]), residuals, slopes, causes, scores_of(slopes, rows.curve))
-    own, covariance = found.centre[: n * n_spots], found.covariance[: n * n_spots, : n * n_spots]
-    sd = _most_likely(own, covariance, n)
-    ends = np.array([_q_profile(own[k::n], covariance[k::n, k::n]) for k in range(n)])
+    own = found.centre[: n * len(_spots(rows))].reshape(-1, n)
+    # A modulus is no less than its lower bound, whatever its curves ask for.
+    values = np.where(logs > 0.0, np.maximum(joint + own, 0.0), joint + own)
+    rates, covariance = rates_of(joint, logs), np.zeros((own.size, own.size))
+    for name, part in found.parts.items():
+        per = rates_of(values, logs).ravel() if name in by_size else np.tile(rates, len(own))
+        covariance += part[: own.size, : own.size] / np.outer(per, per)
+    at = coordinates_of(values, logs).ravel()
+    sd = _most_likely(at, covariance, n)
+    ends = np.array([_q_profile(at[k::n], covariance[k::n, k::n]) for k in range(n)])
     ends = np.stack([np.minimum(ends[:, 0], sd), np.maximum(ends[:, 1], sd)], axis=1)
-    return SpotDifferences(shared=shared, own=own.reshape(n_spots, n), sd=sd, ends=ends)
+    through, of_spots = _mean(covariance, sd), np.diag(np.tile(sd**2, len(own)))
+    covariance = through @ (covariance + of_spots) @ through.T
+    return SpotDifferences(
+        shared=shared, own=own, rates=rates, sd=sd, ends=ends, mean=through @ at, covariance=covariance
+    )
+
+
+def _mean(covariance: FloatArray, sd: FloatArray) -> FloatArray:
+    """Weights (n, n_spots * n) of own values in their mean: each spot's own errors, as in ``same_spot``."""
+    n_spots = len(covariance) // len(sd)
+    alone = np.kron(np.eye(n_spots), np.ones((len(sd), len(sd)))) * covariance
+    of_mean = np.tile(np.eye(len(sd)), (n_spots, 1))
+    gain = np.linalg.solve(alone + np.diag(np.tile(sd**2, n_spots)), of_mean)
+    weights: FloatArray = np.linalg.solve(of_mean.T @ gain, gain.T)
+    return weights
+
+
+def coordinates_of(shares: FloatArray, logs: FloatArray) -> FloatArray:
+    """Coordinates of the box of values, as shares of their ranges; ``logs`` is as in :func:`differences`."""
+    logs = np.maximum(logs, 1e-9)
+    return np.asarray(np.log1p(np.expm1(logs) * shares) / logs)
+
+
+def rates_of(shares: FloatArray, logs: FloatArray) -> FloatArray:
+    """Derivatives of values, as shares of their ranges, in their coordinates."""
+    logs = np.maximum(logs, 1e-9)
+    return np.asarray(logs * (shares + 1.0 / np.expm1(logs)))
 
 
 def _most_likely(own: FloatArray, covariance: FloatArray, n: int) -> FloatArray:

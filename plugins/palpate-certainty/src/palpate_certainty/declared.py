@@ -63,8 +63,11 @@ DECLARED: Mapping[str, Mapping[str, StageTable]] = MappingProxyType(
                 "Differences between spots beyond their errors, by parameter that the spots share.",
                 {
                     **common("fit", "scenario", "parameter", "unit"),
-                    "value": TableColumn("Mean over the spots.", unit=OF_ROW),
-                    "sd": TableColumn("Standard deviation between spots.", unit=OF_ROW),
+                    "value": TableColumn("Mean over the spots; the geometric one of a modulus.", unit=OF_ROW),
+                    "sd": TableColumn(
+                        "Standard deviation between spots; of a modulus, of its logarithm, times the mean.",
+                        unit=OF_ROW,
+                    ),
                     **common("lower", "upper"),
                     "n_spots": TableColumn("Number of spots.", pl.Int64),
                 },

@@ -171,13 +171,7 @@ class MeshCorrections:
     """Corrections of the curves of a problem by finer meshes, at many values at once.
 
     What is added to curves as large as the coarse one is linear in the materials' textbook values; it is
-    taken as linear in the searched ones around the fit.
-
-    Parameters
-    ----------
-    problem : Problem
-    fitted : (n_parameters,) array
-        Values where the fit has ended: other ones may be none that the parametrisation takes together.
+    taken as linear in the searched ones around the ``fitted``, as not every set is one of a parametrisation.
     """
 
     def __init__(self, problem: Problem, fitted: FloatArray) -> None:

@@ -102,12 +102,8 @@ def error_sources_of(
 ) -> list[ErrorSource]:
     """Causes of a study's budget whose derivatives come from simulated curves.
 
-    Parameters
-    ----------
-    measured : mapping of spot name to Response
-        A loader's ``record["uncertainty"]`` has the standard deviation of ``depth_mm``.
-    searched : sequence of str
-        Names of what is fitted: that is no cause.
+    The names ``searched`` are fitted, and no cause. A loader's ``record["uncertainty"]`` has the standard
+    deviation of ``depth_mm``.
     """
     heads = {ParameterName.parse(name).shared for name in searched}
     return [each for each in _causes(study, measured) if each.sd > 0.0 and _value(each) not in heads]
@@ -299,21 +295,8 @@ def columns_of(
 ) -> tuple[Columns, dict[ErrorSource, str]]:
     """Change of the curves by one standard deviation of each cause, where a fit has ended.
 
-    Parameters
-    ----------
-    fit : Fit
-        Whose best evaluation is the point.
-    channels : sequence of str
-        Those that any scenario weighs.
-    limbs : dict of limb name to Limb, optional
-        On which the problem's jobs are simulated; those that a cause changes are added.
-
-    Returns
-    -------
-    columns : Columns
-        Of the causes whose derivatives could be simulated.
-    failures : mapping of ErrorSource to str
-        Reason for each source that has no derivative.
+    Second is the reason for each source whose derivative could not be simulated. Limbs that a cause changes
+    are added to the ``limbs``, on which the problem's jobs are simulated.
 
     Raises
     ------
@@ -367,18 +350,10 @@ def error_budget(
     meshes: Mapping[str, SpotMesh],
     inputs: Mapping[str, SpotInputs] = MappingProxyType({}),
 ) -> dict[str, dict[str, FloatArray]]:
-    """Change of the residuals by one standard deviation of each cause.
+    """Change of the residuals by one standard deviation of each cause; ``columns`` are of simulated ones.
 
-    Parameters
-    ----------
-    measured : mapping of spot name to Response
-        As the loader has read them.
-    residuals : (n,) array
-        Simulated less measured.
-    columns : Columns
-        What it adds to the curves, of the causes that are simulated.
-    meshes, inputs : mappings of spot name to SpotMesh, to SpotInputs
-        Of spots whose meshes are known; and where slopes have moved the corrections by finer meshes.
+    Measured curves are as the loader has read them; slopes have moved the corrections by finer meshes to the
+    ``inputs``.
 
     Returns
     -------
@@ -456,14 +431,7 @@ def mesh_errors(
 ) -> Iterator[dict[str, Any]]:
     """Relative error of each fitted curve by its mesh, one standard deviation, and what shows it.
 
-    Parameters
-    ----------
-    residuals : (n,) array
-        Simulated less measured.
-    errors : (n, m) array
-        What one standard deviation of each error of the mesh adds to the residuals.
-    meshes : mapping of spot name to SpotMesh
-        Of the spots whose meshes are known.
+    One standard deviation of each error of the mesh adds ``errors`` (n, m) to the residuals.
     """
     for term, name, at, scale in pieces(terms):
         channel = channel_of(name)

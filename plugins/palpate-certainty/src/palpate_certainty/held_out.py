@@ -27,11 +27,6 @@ def held_out(assessed: Assessed) -> pl.DataFrame:
 
     Each spot is left out in turn; of one spot alone, each channel is. ``difference`` and ``band`` are roots
     of the mean square along the curve over its peak, the latter with the probability :data:`BAND`.
-
-    Parameters
-    ----------
-    assessed : Assessed
-        The joint fit.
     """
     rows, spots = assessed.linear.rows, list(dict.fromkeys(term.spot for term in assessed.end.problem.terms))
     parts = [rows.spot == i for i in range(len(spots))]

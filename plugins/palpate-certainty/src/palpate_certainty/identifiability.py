@@ -49,19 +49,10 @@ def assess_identifiability(
 ) -> dict[str, pl.DataFrame]:
     """Find the interval of every parameter at every spot in every scenario, and over all spots.
 
-    Parameters
-    ----------
-    study : Study
-    design : Design
-    measured : mapping of spot name to Response
-    swept : mapping of (spot, channel) to (n_sets, n_points) array
-        As :func:`palpate.scoring.scores.at_measured` returns it.
-    scores, selection, generalisation : DataFrame
-        As :mod:`~palpate.scoring.scores`, :mod:`~palpate.scoring.selection` and
-        :mod:`~palpate.scoring.generalisation` return them.
-    fit : FitResult
-        Where it has a row for a spot, or for all of them together, that is the best set. No interval
-        is narrower than what the mesh leaves open.
+    What is ``swept`` is as :func:`palpate.scoring.scores.at_measured` returns it; the tables are as
+    :mod:`~palpate.scoring.scores`, :mod:`~palpate.scoring.selection` and
+    :mod:`~palpate.scoring.generalisation` return them. Where the fit has a row for a spot, or for all of them
+    together, that is the best set. No interval is narrower than what the mesh leaves open.
     """
     curves = _Curves(
         study=study, design=design, measured=measured, swept=swept, ranked=objectives(scores, study.scenarios)

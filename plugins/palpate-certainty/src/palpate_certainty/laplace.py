@@ -115,12 +115,8 @@ class Density:
     def of(self, columns: Sequence[int]) -> "Density":
         """Density of some of the parameters, whatever the others are."""
         at = list(columns)
-        return replace(
-            self,
-            centre=self.centre[at],
-            covariance=self.covariance[np.ix_(at, at)],
-            points=self.points[:, at],
-        )
+        part = self.covariance[np.ix_(at, at)]
+        return replace(self, centre=self.centre[at], covariance=part, points=self.points[:, at])
 
     def interval(self, point: FloatArray) -> tuple[FloatArray, FloatArray]:
         """Ends (n_parameters,) of the 95 % intervals; a fitted point at a bound is within."""
@@ -262,13 +258,8 @@ def root_of(covariance: FloatArray) -> FloatArray:
 def whitening(scores: FloatArray, covariance: FloatArray, groups: FloatArray) -> FloatArray:
     """Matrix (m, n) from the n residuals of a problem to independent ones of variance 1.
 
-    The scores (m, k) are apart from what is left of the curves, which moves no fit.
-
-    Parameters
-    ----------
-    scores : (m, k) array
-    covariance : (m, m) array
-        Of the averages ``groups`` (m, n) of the residuals, as the scores are.
+    The scores (m, k) are apart from what is left of the curves, which moves no fit. They and the covariance
+    (m, m) are of the averages ``groups`` (m, n) of the residuals.
     """
     white = [
         scipy.linalg.solve_triangular(_root(part.T @ covariance @ part), part.T, lower=True)

@@ -83,6 +83,8 @@ class LinearProblem:
         Discrepancy that the study expects, over the largest ordinate.
     groups : (n, n_points) array
         As :func:`~palpate_certainty.noise_model.groups_of` returns them, where residuals are averages.
+    logs : (n_parameters,) array
+        Logarithm of the upper over the lower bound of a modulus; 0 of a parameter that is no logarithm.
     is_like_fopt : bool
         The curves count as in Fopt, for the model differs from them by more than its stated errors.
     """
@@ -95,6 +97,7 @@ class LinearProblem:
     channels: tuple[str, ...]
     expected: Mapping[int, float]
     groups: FloatArray = field(default_factory=lambda: np.empty((0, 0)))
+    logs: FloatArray = field(default_factory=lambda: np.zeros(0))
     is_like_fopt: bool = False
 
     @property
@@ -191,10 +194,7 @@ class LinearProblem:
     def weighed(self, errors: ResidualErrors, *, is_likeliest: bool = False) -> tuple[Laplace, Laplace]:
         """Density of the parameters by all errors, and one where each is known to be in its range.
 
-        Parameters
-        ----------
-        is_likeliest : bool
-            Whether ``point`` is the most likely one, from which no step leads.
+        No step leads from a ``point`` that is the most likely one.
         """
         missed = np.zeros_like(self.residuals) if is_likeliest else self.residuals
         density = partial(
@@ -263,8 +263,7 @@ def errors_of(linear: LinearProblem, first: ResidualErrors | None = None) -> Res
         return replace(errors, alike=alike)
     if first is None or first.between is None:
         errors = _sizes(linear, _free_by_spot(linear))
-    between = differences(linear.residuals, linear.jacobian, linear.columns(errors), linear.rows)
-    return replace(errors, alike=alike, between=between)
+    return replace(errors, alike=alike, between=_between(linear, linear.columns(errors)))
 
 
 def errors_without(linear: LinearProblem, kept: BoolArray, known: ResidualErrors) -> ResidualErrors:
@@ -279,7 +278,15 @@ def errors_without(linear: LinearProblem, kept: BoolArray, known: ResidualErrors
     if known.between is None or not rest.has_shared:
         return replace(errors, between=known.between)
     columns = linear.columns(replace(errors, between=None), kept)
-    return replace(errors, between=differences(rest.residuals, rest.jacobian, columns, rest.rows))
+    return replace(errors, between=_between(rest, columns))
+
+
+def _between(linear: LinearProblem, columns: Mapping[str, FloatArray]) -> SpotDifferences:
+    logs = linear.logs if linear.logs.size else np.zeros(linear.point.size)
+    by_size = (NOISE, DISCREPANCY)
+    return differences(
+        linear.residuals, linear.jacobian, columns, linear.rows, linear.point, logs, by_size=by_size
+    )
 
 
 def _sizes(

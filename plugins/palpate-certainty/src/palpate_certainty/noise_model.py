@@ -256,16 +256,12 @@ def estimate(
 
     Parameters
     ----------
-    residuals : (n,) array
     free : (n, n - n_parameters) array
         Orthonormal directions that no parameter explains: the null space of the transposed Jacobian.
     known : (n, m) array
         Change of the residuals by one standard deviation of each known cause.
-    rows : ResidualLayout
     expected : mapping of channel number to float
         Discrepancy that models usually have, over the largest ordinate.
-    lengths : sequence of (points, length)
-        Pairs of correlation lengths that are tried.
     common : float, optional
         Share of the discrepancy's variance common to all sites; by default a mean, from three sites on.
     """
@@ -314,17 +310,8 @@ def error_scale(residuals: FloatArray, free: FloatArray, known: FloatArray, rest
 
     Seen are the directions that no parameter explains and in which the known causes are larger than noise and
     discrepancy: with χ² of n of them, the square of the scale is (ν₀ + χ²) / (ν₀ + n), with ν₀ + n degrees of
-    freedom (Gelman et al., Bayesian Data Analysis, section 14.2).
-
-    Parameters
-    ----------
-    residuals : (n,) array
-    free : (n, n - n_parameters) array
-        Orthonormal directions that no parameter explains: the null space of the transposed Jacobian.
-    known : (n, m) array
-        What the known causes make of the residuals, one standard deviation each.
-    rest : (n, n) array
-        Covariance by noise and discrepancy.
+    freedom (Gelman et al., Bayesian Data Analysis, section 14.2). Directions and known causes are as in
+    :func:`estimate`; ``rest`` (n, n) is the covariance by noise and discrepancy.
     """
     root = np.linalg.cholesky(free.T @ rest @ free)
     axes, sizes, _ = np.linalg.svd(

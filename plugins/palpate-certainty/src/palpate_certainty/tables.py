@@ -1,7 +1,7 @@
 """A fit with its covariance, the directions in which it is known, and the tables of both."""
 
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import Any
 
 import numpy as np
@@ -14,6 +14,7 @@ from palpate.api.fit import (
     LEVEL,
     UNCLEAR,
     Adequacy,
+    Box,
     Case,
     Fit,
     Problem,
@@ -25,6 +26,7 @@ from palpate.api.fit import (
 from palpate.api.runs import Study
 from palpate_certainty.adequacy import ALLOWED, Check, Misfit
 from palpate_certainty.assumptions import ASSUMED
+from palpate_certainty.between_spots import SpotDifferences
 from palpate_certainty.declared import DECLARED
 from palpate_certainty.error_sources import MESH
 from palpate_certainty.laplace import Density, Laplace
@@ -50,15 +52,9 @@ class ParameterCombination:
 def parameter_combinations(
     names: Sequence[str], values: FloatArray, rates: FloatArray, covariance: FloatArray
 ) -> list[ParameterCombination]:
-    """Principal directions of a covariance, the best known first.
+    """Principal directions of a covariance in coordinates of the unit box, the best known first.
 
-    Parameters
-    ----------
-    names : sequence of str
-    values, rates : (n_parameters,) array
-        Values, and their derivatives in the coordinates.
-    covariance : (n_parameters, n_parameters) array
-        In coordinates of the unit box.
+    ``rates`` (n_parameters,) are the derivatives of the values in these coordinates.
     """
     # Relative changes; a value of zero has none, and is seen over its range.
     per_coordinate = rates / np.where(values == 0.0, rates, values)
@@ -179,6 +175,41 @@ def most_likely(found: Laplace, density: Density, problem: Problem) -> FloatArra
     return density.nearest
 
 
+def logs_of(box: Box) -> FloatArray:
+    """Logarithm (n_parameters,) of upper over lower bound of what is searched in logarithms; else 0."""
+    ratios = np.divide(box.upper, box.lower, out=np.ones_like(box.upper), where=box.log)
+    return np.asarray(np.log(ratios))
+
+
+def of_mean(found: Laplace, between: SpotDifferences, problem: Problem) -> tuple[Density, FloatArray]:
+    """Density of the mean over spots that differ, and its most likely point, as shares of the ranges.
+
+    Parameters that no two spots share are as ``found``.
+
+    Raises
+    ------
+    PalpateError
+        The filters refuse all of it.
+    """
+    box, width, likely = problem.box, problem.box.upper - problem.box.lower, found.most_likely
+    at = box.point(box.lower + width * likely)
+    rates, i = box.rates(at) / width, between.shared
+    centre, covariance = at + (found.centre - likely) / rates, found.covariance / np.outer(rates, rates)
+    centre[i], covariance[i], covariance[:, i] = between.mean, 0.0, 0.0
+    covariance[np.ix_(i, i)] = between.covariance
+    mean = Laplace(centre=centre, covariance=covariance, parts={}, freedom=found.freedom)
+    density, likely = (
+        mean.within(lambda points: np.asarray(problem.accepts(points), dtype=np.float64)),
+        mean.most_likely,
+    )
+    if not problem.accepts(likely[None])[0]:
+        likely = density.nearest
+    rates = box.rates(likely) / width
+    point, points = ((box.values(each) - box.lower) / width for each in (likely, density.points))
+    centre, covariance = point + rates * (centre - likely), covariance * np.outer(rates, rates)
+    return replace(density, centre=centre, covariance=covariance, points=points), point
+
+
 def certainty_tables(assessed: Sequence[Assessed], study: Study) -> dict[str, pl.DataFrame]:
     """Tables of the assessed fits by name; the curves at the reported values are not among them."""
     rows: dict[str, Callable[[Assessed], Iterable[dict[str, Any]]]] = {
@@ -270,14 +301,14 @@ def _between_spots(each: Assessed) -> Iterator[dict[str, Any]]:
     box, found = each.end.problem.box, each.errors.between
     if found is None:
         return
-    width = box.upper - box.lower
+    rates = box.rates(box.point(each.values))
     for k, i in enumerate(found.shared.tolist()):
-        lower, upper = (float(end * width[i]) for end in found.ends[k])
+        sd, lower, upper = (float(size * rates[i]) for size in (found.sd[k], *found.ends[k]))
         yield _about(each) | {
             "parameter": box.parameters[i].name,
             "unit": box.parameters[i].unit,
             "value": float(each.values[i]),
-            "sd": float(found.sd[k] * width[i]),
+            "sd": sd,
             "lower": lower,
             "upper": upper,
             "n_spots": len(found.own),
@@ -289,11 +320,10 @@ def _spot_draws(each: Assessed) -> Iterator[dict[str, Any]]:
     box, found = each.end.problem.box, each.errors.between
     if found is None:
         return
-    rng = np.random.default_rng(0)
-    for shares in each.density.draws(N_DRAWS):
-        there = shares.copy()
-        there[found.shared] += found.sd * rng.standard_t(found.freedom, found.sd.size)
-        values = box.lower + (box.upper - box.lower) * there.clip(0.0, 1.0)
+    rng, drawn = np.random.default_rng(0), each.density.draws(N_DRAWS)
+    there = box.point(box.lower + (box.upper - box.lower) * drawn)
+    there[:, found.shared] += found.sd * rng.standard_t(found.freedom, (len(there), found.sd.size))
+    for values in box.values(there.clip(0.0, 1.0)):
         yield _about(each) | dict(zip(box.names, values.tolist(), strict=True))
 
 

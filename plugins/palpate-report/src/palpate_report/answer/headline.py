@@ -40,12 +40,17 @@ def _holds(value: Headline, truth: float) -> bool:
 
 
 def between_spots(data: ReportData) -> str:
-    """Sentence on spots that differ: standard deviation of each parameter; empty where none do."""
+    """Sentence on spots that differ: spread and own values of each parameter; empty where none do."""
     rows = data.leading_rows(data.table("between_spots")).to_dicts()
     found = []
     for row in rows:
         ends = {key: row[key] for key in ("unit", "lower", "upper")}
-        found.append(str(Headline(parameter=data.brief_name(row["parameter"]), value=row["sd"], **ends)))
+        text = str(Headline(parameter=data.brief_name(row["parameter"]), value=row["sd"], **ends))
+        same = data.fit.intervals.filter(scenario=row["scenario"], parameter=row["parameter"])
+        own = sorted(same.filter(pl.col("fit") != row["fit"])["value"])
+        found.append(
+            text + (f", spots {with_unit(f'{own[0]:.3g} to {own[-1]:.3g}', row['unit'])}" if own else "")
+        )
     sd = "standard deviation between spots (95 % interval)"
     return f"they differ, {sd}: {'; '.join(found)}" if found else ""
 
