@@ -65,6 +65,23 @@ def test_a_set_that_no_condition_names_is_fixed_with_a_remark(session: Session, 
     assert tomllib.loads(found.study_text)["limb"]["settings"]["fixed"] == ["cuts", "bone"]
 
 
+@pytest.mark.parametrize(
+    ("held", "is_named"), [(("Fixed_X", "Fixed_Z"), True), (("Knochen", "Schnitt"), False)]
+)
+def test_supports_that_differ_by_their_axis_are_named(
+    session: Session, tmp_path: Path, held: tuple[str, str], is_named: bool
+) -> None:
+    made = block("hex8", width_mm=40.0, height_mm=20.0, n_across=4, n_down=2).mesh
+    x, _, z = made.points_mm.T
+    marks = dict(zip((*held, "Haut"), (z == -20.0, np.abs(x) == 20.0, z == 0.0), strict=True))
+    data = {name: of.astype(np.int32) for name, of in marks.items()}
+    meshio.Mesh(made.points_mm, [("hexahedron", made.cells["hex8"])], data).write(tmp_path / "m.vtu")
+    found = look_into_mesh(tmp_path / "m.vtu", session)
+    sets = tomllib.loads(found.study_text)["limb"]["settings"]["node_sets"]
+    assert sets == {"contact": "Haut", "fixed": list(held)}
+    assert any("if each of them holds one axis" in each for each in found.findings) == is_named
+
+
 def test_a_limb_in_metres_elsewhere_has_unit_and_spot(session: Session, tmp_path: Path) -> None:
     limb = block("hex8", n_across=4, n_down=2)
     points = limb.mesh.points_mm @ np.array([[0.0, 0, 1], [0, 1, 0], [-1, 0, 0]]) + [300.0, 0.0, 0.0]

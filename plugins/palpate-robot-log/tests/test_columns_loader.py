@@ -156,3 +156,11 @@ class TestColumns(LoaderContract):
         write_matlab(tmp_path / "lacking.mat", {"depth_mm": DEPTH_MM})
         write_matlab(tmp_path / "still.mat", {"depth_mm": 0.0 * DEPTH_MM, "force_N": FORCE_N})
         return [tmp_path / name for name in ("empty.mat", "lacking.mat", "still.mat")]
+
+
+def test_a_file_without_numbers_says_so_once(tmp_path: Path) -> None:
+    savemat(tmp_path / "words.mat", {"note": "a press", "image": np.zeros((2, 3, 4))})
+    with pytest.raises(CurveError) as caught:
+        inspect_log(tmp_path / "words.mat")
+    assert str(caught.value).count("no columns of numbers") == 1
+    assert "'image' (2, 3, 4) of float64" in str(caught.value)

@@ -32,11 +32,8 @@ _ROLES = {"force": ("travel", "force"), "torque": ("angle", "moment")}
 _FEWEST_OF_ROBOT = 7  # a time, a position and a force
 _AT_REST, _FARTHEST = 0.02, 0.999
 """Shares of a range up to which a value is next to zero, and from which it is the farthest."""
-
-_MOST = (10.0, 90.0)
-"""Percentiles between which most rows are, without the begin of a creep test."""
-_TRAVEL_MM = 10.0
-"""Length to which a travel of any unit is scaled where first contact is sought."""
+_MOST = (10.0, 90.0)  # percentiles between which most rows are, without the begin of a creep test
+_TRAVEL_MM = 10.0  # to which a travel of any unit is scaled where first contact is sought
 _FEWEST_ROWS, _FEWEST_FREE = 20, 8
 """Rows of a curve, and of its approach, at least."""
 _LEAST_APPROACH, _FREE, _SURE, _FLAT = 0.05, 0.8, 3.0, 1e-3
