@@ -91,7 +91,7 @@ def test_check_lists_what_only_the_fit_searches(call: Call, study: Path) -> None
     shown = call("check", study).out
     assert re.search(r"rubber.k +1000 +3000 +kPa +2000 ± 500 ", shown)  # as the range is written
     assert re.search(r"gain.pull +0.5 +2 +1 +– +factor on 'pull'; a value for each spot", shown)
-    assert "fit: search 'least_squares', from the best sets" in shown
+    assert "fit by least_squares, from the best sets" in shown
     assert call("check", study, "--json").json["fit"]["searched"] == [
         {"name": "gain.pull", "lower": 0.5, "upper": 2.0, "unit": "1"}
     ]
