@@ -25,12 +25,12 @@ class Printed:
         return [line.split() for line in self._capsys.readouterr().out.splitlines() if line.split()]
 
 
-def test_a_frame_has_six_digits_and_dashes(printed: Printed) -> None:
+def test_a_frame_has_four_digits_and_dashes(printed: Printed) -> None:
     printed.session.frame("Things", pl.DataFrame({"name": ["a", None], "value": [math.pi, 1e-9]}))
     title, head, _, first, second = printed.lines()
     assert title == ["Things"]
     assert head == ["name", "value"]
-    assert first == ["a", "3.14159"]
+    assert first == ["a", "3.142"]
     assert second == ["–", "1e-09"]
 
 
