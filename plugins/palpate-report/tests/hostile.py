@@ -51,7 +51,7 @@ def renamed(report_data: ReportData) -> ReportData:
         },
         convergence=_frame(report_data.convergence),
         responses={(SPOTS[spot], set_id): r for (spot, set_id), r in report_data.responses.items()},
-        limbs=dict.fromkeys(SPOTS.values(), limb),
+        limbs={name: replace(limb, spot=replace(limb.spot, name=name)) for name in SPOTS.values()},
         manifest={"name": ATTACK, "inputs": {ATTACK: "0" * 64}},
         comparisons={f"solver-comparison{ATTACK}.json": {"passed": False, "rows": [{"problem": ATTACK}]}},
     )

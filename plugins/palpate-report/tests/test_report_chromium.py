@@ -47,7 +47,8 @@ def page(content, folder):
         path = folder / f"{change.__name__}{len(changes)}.html"
         if not path.exists():
             limb = block("tet4", n_across=4, n_down=3)
-            shown = change(replace(content(**changes), limbs={"p1": limb, "p2": limb}))
+            limbs = {name: replace(limb, spot=replace(limb.spot, name=name)) for name in ("p1", "p2")}
+            shown = change(replace(content(**changes), limbs=limbs))
             tables = make_tables(shown)
             path.write_text(render(shown, tables, make_conclusion(shown, tables), []))
         return path

@@ -118,7 +118,7 @@ def test_the_page_is_below_its_limit_with_many_sets_and_meshes(content):
     many = replace(
         made,
         design=replace(made.design, values=values),
-        limbs={"p1": limb, "p2": limb},
+        limbs={name: replace(limb, spot=replace(limb.spot, name=name)) for name in ("p1", "p2")},
     )
     assert 1_000_000 < len(render(many, {}, make_conclusion(many, {}), []).encode()) < 5_000_000
 
