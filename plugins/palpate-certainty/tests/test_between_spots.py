@@ -80,3 +80,33 @@ def test_spots_that_differ_manifold_with_errors_in_proportion(sd):
         np.testing.assert_allclose(np.exp(log * own), seen, rtol=0.08)
     assert np.mean(held) >= 0.9
     assert np.mean(spread) >= 0.9
+
+
+@pytest.mark.parametrize("log", [0.0, np.log(100.0)])
+@pytest.mark.parametrize("has_prior", [True, False])
+def test_a_prior_holds_the_mean_and_spots_without_a_parameter_tell_nothing_of_its_spread(log, has_prior):
+    n, own = 10, np.array([0.3, 0.4, 0.5])
+    spot = np.array([*np.repeat(np.arange(5), n), *([-1] * has_prior)])
+    rows = SimpleNamespace(spot=spot, channel=np.where(spot < 0, -1, 0), curve=spot)
+    slopes = np.where((spot >= 0) & (spot < 3), np.tile(np.linspace(0.1, 1.0, n), 6)[: spot.size], 0.0)
+    slopes[spot < 0] = 1.0
+    joint = 0.4
+    residuals = slopes * (joint - np.append(own, [0.0, 0.0, 0.2])[spot])
+    causes = {
+        "noise": np.diag(np.where(spot < 0, 0.0, 0.01)),
+        "priors": np.diag(np.where(spot < 0, 1e-4, 0.0)),
+    }
+    made = differences(residuals, slopes[:, None], causes, rows, np.array([joint]), np.array([log]))
+    value = np.expm1(log * made.mean[0]) / np.expm1(log) if log else made.mean[0]
+    middle = np.expm1(np.log1p(np.expm1(log) * own).mean()) / np.expm1(log) if log else 0.4
+    assert value == pytest.approx(0.2 if has_prior else middle, abs=1e-3)
+    assert made.seen.sum() == 3
+    assert made.freedom == 2.0
+    of_three = spot < 3
+    alone = SimpleNamespace(spot=spot[of_three], channel=rows.channel[of_three], curve=spot[of_three])
+    if not has_prior:
+        few = {"noise": causes["noise"][np.ix_(of_three, of_three)]}
+        same = differences(
+            residuals[of_three], slopes[of_three, None], few, alone, np.array([joint]), np.array([log])
+        )
+        np.testing.assert_allclose(made.ends, same.ends, rtol=1e-6)

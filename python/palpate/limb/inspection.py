@@ -23,17 +23,19 @@ from palpate.toml_text import toml_value
 
 WORDS: Mapping[str, str] = {
     "bone": "bone bones os femur tibia fibula humerus radius ulna patella skull vertebra vertebrae "
-    "sacrum scapula clavicle sternum mandible rib ribs talus calcaneus metacarpal metatarsal phalanx",
+    "sacrum scapula clavicle sternum mandible rib ribs talus calcaneus metacarpal metatarsal phalanx "
+    "phalanges carpal carpals pelvis ilium knochen schienbein wadenbein elle speiche hueso huesos osso ossa",
     "part": "left right l r proximal distal shaft head neck cortical compact trabecular cancellous rigid "
     "part region body solid volume mesh set elset material the of and",
     "soft": "soft skin dermis fat adipose muscle muscles marrow tendon tendons ligament cartilage fascia "
-    "periosteum meniscus over above under below near around between without",
+    "periosteum meniscus over above under below near around between without cutis subcutis subcutaneous "
+    "haut fett muskel peau graisse piel grasa musculo pelle grasso muscolo",
 }
 """Words of names of regions: a bone's, words for its parts, and words that show that it is no bone."""
 UNITS_MM: Mapping[str, float] = {"mm": 1.0, "cm": 10.0, "m": 1000.0, "um": 0.001}
 SKIN = re.compile(r"(?i)contact|skin|press|outer|surface|touch|top|indent|haut|oberfl|kontakt|peau|piel")
 FIXED = re.compile(
-    r"(?i)fix|h[eo]ld|bone|cut|support|clamp|encast|base|bottom|anchor|knochen|schnitt|\bos\b|coupe|hueso"
+    r"(?i)fix|(?<![a-z])h[eo]ld|support|clamp|encast|anchor|(?P<end>cut|base|bottom|schnitt|coupe)"
 )
 
 
@@ -53,18 +55,31 @@ def bones(names: Sequence[str]) -> tuple[list[str], list[str]]:
     """Names that are a bone's, and names that may be: they have other words too, such as forearm_bone."""
     found: tuple[list[str], list[str]] = [], []
     for name in names:
-        words = [word.lower() for word in re.findall(r"[A-Z]?[a-z]+|[A-Z]+(?![a-z])", name)]
-        kinds = {next((kind for kind, of in WORDS.items() if word in of.split()), "") for word in words}
+        kinds = _kinds(name)
         if "bone" in kinds and "soft" not in kinds:
             found["" in kinds].append(name)
     return found
 
 
+def _kinds(name: str) -> set[str]:
+    """Kinds of the words of a name; empty for a word that is of none."""
+    words = [word.lower() for word in re.findall(r"[A-Z]?[a-z]+|[A-Z]+(?![a-z])", name)]
+    known = {word: kind for kind, of in WORDS.items() for word in of.split()}
+    return {known.get(word, "bone" if word.endswith("knochen") else "") for word in words}
+
+
 def likely_sets(names: Sequence[str], regions: Sequence[str] = ()) -> tuple[str | None, list[str]]:
     """Name that is likely the skin's, and names that are likely supports, else bone among the regions."""
     skins = ["contact"] if "contact" in names else sorted(filter(SKIN.search, names), key=len)
-    held = [name for name in names if FIXED.search(name) and name not in skins[:1]]
+    of_bone = [name for found in bones(names) for name in found]
+    held = [name for name in names if name not in skins[:1] and (name in of_bone or _is_fixed(name))]
     return next(iter(skins), None), ["fixed"] if "fixed" in held else held or bones(regions)[0]
+
+
+def _is_fixed(name: str) -> bool:
+    """Whether a name is a support's; an end of soft tissue may be none."""
+    found = FIXED.search(name)
+    return found is not None and (found["end"] is None or "soft" not in _kinds(name))
 
 
 def region_name(text: str) -> str:

@@ -29,6 +29,7 @@ BONES = (
         "L_Humerus",
         "vertebra_4",
     ),
+    *("Knochen", "Unterarmknochen", "Schienbein", "hueso", "osso", "pelvis"),
 )
 ASKED = ("forearm_bone", "skull_base", "bone_cement", "no_bone", "bone_tissue", "stump bone")
 SOFT = (
@@ -41,7 +42,7 @@ SOFT = (
         "quadratus_femoris",
     ),
     *("extensor carpi ulnaris", "fibularis_longus", "patellar_ligament", "soft_tissue", "muscle around bone"),
-    *("skin", "trombone", "carbonea", "tissue", "3", ""),
+    *("subcutis", "Knochenmark", "Fettgewebe", "skin", "trombone", "carbonea", "tissue", "3", ""),
 )
 
 
@@ -54,6 +55,12 @@ def test_bone_is_a_support_where_no_set_is():
     regions = ["skin", "bone_marrow", "femur"]
     assert likely_sets(["skin face"], regions) == ("skin face", ["femur"])
     assert likely_sets(["skin face", "cuts"], regions)[1] == ["cuts"]
+
+
+def test_soft_tissue_is_a_support_where_its_name_says_so_alone():
+    soft = ["skin", "subcutaneous", "bone_marrow", "threshold", "fat_base"]
+    assert likely_sets([*soft, "forearm_bone", "Knochen"])[1] == ["forearm_bone", "Knochen"]
+    assert likely_sets([*soft, "fixed_muscle", "cut_end"])[1] == ["fixed_muscle", "cut_end"]
 
 
 @pytest.mark.parametrize("fine_x_mm", [(0.0,), (-12.0, 12.0)])

@@ -6,7 +6,7 @@ spots' own values most likely (restricted likelihood), and their intervals come 
 (Viechtbauer, Statistics in Medicine 26, 2007). In the residuals the differences are one more error source.
 """
 
-from collections.abc import Collection, Mapping
+from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -24,7 +24,7 @@ UNUSUAL = 0.05
 """Probability of spots that differ so much, under which they have parameters of their own."""
 
 LEAST_SD, MOST_SD = 1e-5, 3.0
-"""Ends of the standard deviations, in ranges, among which the most likely is sought."""
+"""Ends of the standard deviations, in coordinates of the box, among which the most likely is sought."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -35,6 +35,8 @@ class SpotDifferences:
     ----------
     shared : (n,) integer array
         Numbers of the parameters that at least two spots have in common.
+    seen : (n_spots, n) array
+        Whether the curves of a spot depend on a parameter.
     own : (n_spots, n) array
         Value of each spot by its own curves, minus the value of the joint fit, in ranges.
     rates : (n,) array
@@ -49,6 +51,7 @@ class SpotDifferences:
     """
 
     shared: IntArray
+    seen: BoolArray
     own: FloatArray
     rates: FloatArray
     sd: FloatArray
@@ -58,8 +61,8 @@ class SpotDifferences:
 
     @property
     def freedom(self) -> float:
-        """Degrees of freedom of the variances."""
-        return len(self.own) - 1.0
+        """Degrees of freedom of the variances, the least of them."""
+        return float(self.seen.sum(axis=0).min()) - 1.0
 
     def columns(self, jacobian: FloatArray, rows: ResidualLayout) -> FloatArray:
         """Change of the residuals (n, m) by one standard deviation of each parameter at each spot."""
@@ -84,8 +87,7 @@ class SpotDifferences:
 
 def shared_parameters(jacobian: FloatArray, rows: ResidualLayout) -> IntArray:
     """Numbers of the parameters that change the curves of two spots or more."""
-    seen = np.array([np.any(jacobian[inside] != 0.0, axis=0) for inside in _spots(rows)])
-    return np.flatnonzero(seen.sum(axis=0) > 1)
+    return np.flatnonzero(_seen(jacobian, rows).sum(axis=0) > 1)
 
 
 def by_spot(jacobian: FloatArray, rows: ResidualLayout) -> FloatArray:
@@ -93,6 +95,11 @@ def by_spot(jacobian: FloatArray, rows: ResidualLayout) -> FloatArray:
     shared = shared_parameters(jacobian, rows)
     others = np.delete(jacobian, shared, axis=1)
     return np.concatenate([*(jacobian[:, shared] * i[:, None] for i in _spots(rows)), others], axis=1)
+
+
+def _seen(jacobian: FloatArray, rows: ResidualLayout) -> BoolArray:
+    """Whether curves depend on a parameter (n_spots, n_parameters)."""
+    return np.array([np.any(jacobian[inside] != 0.0, axis=0) for inside in _spots(rows)])
 
 
 def _spots(rows: ResidualLayout) -> list[BoolArray]:
@@ -139,19 +146,35 @@ def differences(
     own = found.centre[: n * len(_spots(rows))].reshape(-1, n)
     # A modulus is no less than its lower bound, whatever its curves ask for.
     values = np.where(logs > 0.0, np.maximum(joint + own, 0.0), joint + own)
-    rates, covariance = rates_of(joint, logs), np.zeros((own.size, own.size))
+    rates, of_own = rates_of(joint, logs), np.zeros((own.size, own.size))
     for name, part in found.parts.items():
         per = rates_of(values, logs).ravel() if name in by_size else np.tile(rates, len(own))
-        covariance += part[: own.size, : own.size] / np.outer(per, per)
+        of_own += part[: own.size, : own.size] / np.outer(per, per)
     at = coordinates_of(values, logs).ravel()
-    sd = _most_likely(at, covariance, n)
-    ends = np.array([_q_profile(at[k::n], covariance[k::n, k::n]) for k in range(n)])
-    ends = np.stack([np.minimum(ends[:, 0], sd), np.maximum(ends[:, 1], sd)], axis=1)
-    through, of_spots = _mean(covariance, sd), np.diag(np.tile(sd**2, len(own)))
-    covariance = through @ (covariance + of_spots) @ through.T
-    return SpotDifferences(
-        shared=shared, own=own, rates=rates, sd=sd, ends=ends, mean=through @ at, covariance=covariance
-    )
+    sd, seen = _most_likely(at, of_own, n), _seen(jacobian[:, shared], rows)
+    through, of_spots = _mean(of_own, sd), np.diag(np.tile(sd**2, len(own)))
+    of_mean = through @ at, through @ (of_own + of_spots) @ through.T
+    known = rows.channel < 0
+    size = np.sum([part[known] @ part[known].T for part in causes.values()], axis=0)
+    prior = residuals[known], jacobian[np.ix_(known, shared)], size
+    mean, covariance = _with_priors(*of_mean, prior, joint, logs)
+    of_sd = {"rates": rates, "sd": sd, "ends": _ends(at, of_own, sd, seen)}
+    return SpotDifferences(shared=shared, seen=seen, own=own, mean=mean, covariance=covariance, **of_sd)
+
+
+def _with_priors(
+    mean: FloatArray, covariance: FloatArray, prior: Sequence[FloatArray], joint: FloatArray, logs: FloatArray
+) -> tuple[FloatArray, FloatArray]:
+    """Mean and its covariance by priors too, which have residuals at the joint fit, slopes and a size."""
+    left, slopes, size = prior
+    wide, at, known = np.maximum(logs, 1e-9), mean, covariance
+    for _ in range(5):  # a prior of a value is not linear in its logarithm
+        there = np.expm1(wide * at) / np.expm1(wide)
+        along = slopes * rates_of(there, logs)
+        gain = np.linalg.solve(along @ covariance @ along.T + size, along @ covariance).T
+        at = mean - gain @ (left + slopes @ (there - joint) + along @ (mean - at))
+        known = covariance - gain @ along @ covariance
+    return at, (known + known.T) / 2.0
 
 
 def _mean(covariance: FloatArray, sd: FloatArray) -> FloatArray:
@@ -196,6 +219,13 @@ def _most_likely(own: FloatArray, covariance: FloatArray, n: int) -> FloatArray:
     ]
     sd: FloatArray = np.exp(min(tried, key=lambda each: float(each.fun)).x)
     return sd
+
+
+def _ends(own: FloatArray, covariance: FloatArray, sd: FloatArray, seen: BoolArray) -> FloatArray:
+    """Intervals (n, 2) of standard deviations, each by the spots whose curves depend on the parameter."""
+    numbers = [np.flatnonzero(seen[:, k]) * len(sd) + k for k in range(len(sd))]
+    ends = np.array([_q_profile(own[i], covariance[np.ix_(i, i)]) for i in numbers])
+    return np.stack([np.minimum(ends[:, 0], sd), np.maximum(ends[:, 1], sd)], axis=1)
 
 
 def _q_profile(own: FloatArray, covariance: FloatArray) -> tuple[float, float]:

@@ -156,7 +156,10 @@ class LinearProblem:
         noise = errors.noise.at_most
         free = self.free if errors.between is None else _free_by_spot(self)
         scale = error_scale(self.residuals, free, self.stated, self.rest(noise))
-        return replace(self, is_like_fopt=True), replace(errors, noise=noise, scale=scale)
+        larger = replace(errors, noise=noise, scale=scale, between=None)
+        if errors.between is not None:
+            larger = replace(larger, between=_between(self, self.columns(larger)))
+        return replace(self, is_like_fopt=True), larger
 
     @property
     def has_shared(self) -> bool:

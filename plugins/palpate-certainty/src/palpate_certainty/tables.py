@@ -311,7 +311,7 @@ def _between_spots(each: Assessed) -> Iterator[dict[str, Any]]:
             "sd": sd,
             "lower": lower,
             "upper": upper,
-            "n_spots": len(found.own),
+            "n_spots": int(found.seen[:, k].sum()),
         }
 
 

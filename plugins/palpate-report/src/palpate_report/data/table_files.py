@@ -228,5 +228,5 @@ def _caption(name: str, table: pl.DataFrame, failures: Sequence[str] = ()) -> st
 
 
 def _latex_cell(value: object) -> str:
-    is_number = isinstance(value, (int, float)) and not isinstance(value, bool)
+    is_number = isinstance(value, (int, float)) and not isinstance(value, bool) and value == value
     return number(shown(value)) if is_number else escaped(shown(value))
