@@ -146,7 +146,8 @@ def test_midside_nodes_that_are_left_out_are_in_the_middle(tmp_path: Path) -> No
 
 def test_what_moves_and_what_is_no_tissue_is_named(tmp_path: Path) -> None:
     text = archive(MADE.points_mm, HEXES, 185).replace(
-        "ALLSEL,ALL", "D,HELD,UX,2.5\nD,ABSENT,ALL\nD,1,TEMP,5"
+        "ALLSEL,ALL",
+        "D,HELD,UX,2.5\nD,ABSENT,ALL\nD,1,TEMP,5\nD,HELD,ALL,DISP\nD,HELD,UZ,%TAB%\nD,HELD,UX,-.0E+00",
     )
     text = text.replace("ET,1,185", "ET,1,185\nET,3,154").replace(
         f"{-1:9d}\n", lines([7, 3, 1, 1, 0, 0, 0, 0, 4, 0, 999, 1, 2, 3, 4], 19, 9) + f"{-1:9d}\n", 1
@@ -154,8 +155,13 @@ def test_what_moves_and_what_is_no_tissue_is_named(tmp_path: Path) -> None:
     (tmp_path / "m.cdb").write_text(text)
     limb = load(tmp_path / "m.cdb")
     assert "1 elements of Ansys' 154 are no tissue and are left out" in limb.remarks
-    assert [w.split(" in line")[0] for w in limb.warnings] == ["D,HELD,UX", "D,ABSENT,ALL"]
-    assert "moves 45 nodes and is not used" in limb.warnings[0]
+    assert [w.split(" in line")[0] for w in limb.warnings] == [
+        "D,HELD,UX",
+        "D,ABSENT,ALL",
+        "D,HELD,ALL",
+        "D,HELD,UZ",
+    ]
+    assert all("moves 45 nodes and is not used" in limb.warnings[k] for k in (0, 2, 3))
 
 
 IN_PARTS = "CMSEL,S,HELD\nCMSEL,U,TOP\nD,ALL,UX,0,,,,UY,UZ\nCMSEL,S,HELD\nCMSEL,R,TOP\nD,ALL,ALL\n"
@@ -166,11 +172,19 @@ IN_PARTS = "CMSEL,S,HELD\nCMSEL,U,TOP\nD,ALL,UX,0,,,,UY,UZ\nCMSEL,S,HELD\nCMSEL,
     [
         ("CMSEL,S,HELD\nCMSEL,A,TOP\nD,ALL,ALL\n", 60),
         ("D,1,ALL,0,,25,1\n", 25),
+        ("D,1,ALL,0,,25,0\n", 25),
         (IN_PARTS, 45),
         ("D,HELD,UX,0,,,,UY,UZ\n", 45),
         ("D,HELD,ALL\nNSEL,S,LOC,Y,-20\nD,ALL,ALL\n", 45),
     ],
-    ids=["a selection of two", "a range", "without and among", "three axes", "a selection by place"],
+    ids=[
+        "a selection of two",
+        "a range",
+        "a range of no step",
+        "without and among",
+        "three axes",
+        "a selection by place",
+    ],
 )
 def test_every_node_that_a_command_holds_is_fixed_or_named(
     tmp_path: Path, commands: str, n_fixed: int

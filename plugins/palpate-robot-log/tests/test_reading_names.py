@@ -1,5 +1,6 @@
 """Names are read for their meaning: the proposal of `inspect` gives the truth at the first try, or asks."""
 
+import re
 import tomllib
 from collections.abc import Callable
 from pathlib import Path
@@ -13,7 +14,7 @@ from palpate.domain import FloatArray
 from palpate_indentation import CsvLoader, CsvSettings
 from palpate_robot_log import RobotLogLoader
 from palpate_robot_log.reading.inspection import inspect_log
-from palpate_robot_log.reading.names import pick, test_of as measures_of
+from palpate_robot_log.reading.names import pick, test_of as measures_of, words_of
 from palpate_robot_log.reading.quantities import time_of
 from palpate_robot_log.reading.raw import Stream
 from palpate_robot_log.robot_log import RobotLogSettings
@@ -156,6 +157,37 @@ def test_the_mode_of_a_test_is_in_its_names(names: str, mode: str) -> None:
 
 
 @pytest.mark.parametrize(
+    ("text", "states"),
+    [
+        ("Machine: CellScale biaxial tester / Test: uniaxial tension", None),
+        ("Sample from shear wave elastography study / Test: unconfined compression", None),
+        ("strain rate 0.1 /s, shear modulus n/a / Test: compression", None),
+        ("Load cell: 10 N tension/compression / Test: uniaxial", None),
+        ("Operator: Pure Steel Planar Inc.", "pure_shear"),
+        ("Test: uniaxial tension", "uniaxial"),
+        ("Test: uniaxial", "uniaxial"),
+        ("Test: confined compression", "confined_compression"),
+        ("Specimen of pure gelatine", ""),
+        *((f"Test: {word}", "uniaxial") for word in ("uniaxial compression", "Druckversuch", "Druckprüfung")),
+        *((f"Test: {word}", "uniaxial") for word in ("compresión", "Compressione", "Compressão")),
+        *((f"Test: {word}", "simple_shear") for word in ("Scherversuch", "cisaillement", "cizalladura")),
+        *((f"Test: {word}", "simple_shear") for word in ("cizallamiento", "Taglio")),
+    ],
+)
+def test_the_text_above_the_names_states_one_test_or_is_asked_about(text: str, states: str | None) -> None:
+    strain, stress = (Column(name=name, values=np.arange(3.0)) for name in ("strain", "nominal stress_kPa"))
+    test = measures_of(strain, stress, (), {*words_of(text)})
+    assert test.questions == ("the text above the names has several tests: write the mode",) * (
+        states is None
+    )
+    assert test.remarks == (f"the text above the names states {states}; correct it if that is wrong",) * bool(
+        states
+    )
+    assert test.mode == (states or "uniaxial")
+    assert test.is_compressive == bool(states and re.search("(?i)compr|druck", text))
+
+
+@pytest.mark.parametrize(
     "names",
     [
         "Stress [MPa],Time [s],Force [N],Displacement [mm],Strain [%]",
@@ -201,6 +233,21 @@ def test_a_curve_is_read_in_its_words(names: str, times: tuple[float, float], tm
 def test_a_press_that_no_word_shows_is_stated(names: str, is_asked: bool, tmp_path: Path) -> None:
     found = inspect_log(written(tmp_path / "t.csv", f"{names} (mm),Load (N)", STRETCH - 1.0, NOMINAL))
     assert any("a press is assumed, as the file states no test" in f for f in found.findings) == is_asked
+
+
+@pytest.mark.parametrize("base", [0.0, 20.0, -20.0])
+@pytest.mark.parametrize("push", [1.0, -1.0])
+def test_a_force_is_one_of_a_push_whatever_it_is_in_free_air(
+    base: float, push: float, tmp_path: Path
+) -> None:
+    travel = np.linspace(0.0, 10.0, 101)
+    force = 0.4 * np.maximum(travel - 4.0, 0.0) ** 1.5
+    path = written(tmp_path / "t.csv", "Displacement (mm),Load (N)", travel, base + push * force)
+    curve = curve_of(path, "force")
+    np.testing.assert_allclose(curve.ordinate[-1], force[-1], rtol=1e-6)
+    assert curve.ordinate.min() > -1e-6
+    turned = [finding for finding in inspect_log(path).findings if "falls under load" in finding]
+    assert len(turned) == (push < 0.0)
 
 
 def test_the_plainer_of_two_columns_is_taken_with_a_remark() -> None:

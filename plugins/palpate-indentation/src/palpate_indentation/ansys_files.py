@@ -79,8 +79,8 @@ class _Archive:
                 self._select(command, *map(str.upper, names))
             case "D", where, axis, *more:
                 value, _, last, step, *axes = [*more, *[""] * 4]
-                for each in filter(None, (axis, *axes)):
-                    self._condition(where.upper(), each.upper(), value, last, step)
+                for each in filter(AXES.__contains__, map(str.upper, (axis, *axes))):
+                    self._condition(where.upper(), each, value, last, step)
             case ("N", first, *_) | ("EN", first, *_) if first.isdigit() and not self.points:
                 raise self.refused(
                     "nodes by single commands; write the archive in the blocked format of CDWRITE"
@@ -207,12 +207,10 @@ class _Archive:
             nodes = sorted(self.selected or ())
         elif where.isdigit():
             end = int(last) if last.isdigit() else int(where)
-            nodes = [*range(int(where), end + 1, int(step) if step.isdigit() else 1)]
+            nodes = [*range(int(where), end + 1, max(1, int(step) if step.isdigit() else 1))]
         nodes = named or nodes
-        if axis not in AXES:
-            return
-        moves = bool(re.fullmatch(r"[-+.\dEeDd]+", value)) and float(value.upper().replace("D", "E")) != 0.0
-        if moves or not nodes:
+        # A parameter or a table may be any number.
+        if not (nodes and re.fullmatch(r"([-+]?(0+\.?0*|\.0+)([ED][-+]?\d+)?)?", value.upper())):
             what = f"moves {len(nodes)} nodes" if nodes else f"names '{where}', which no component is"
             if where in ("ALL", "P") and not nodes:
                 what = "holds nodes of a selection that is not read,"

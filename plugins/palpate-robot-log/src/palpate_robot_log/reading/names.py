@@ -227,6 +227,7 @@ class Test(NamedTuple):
     stress: str
     is_compressive: bool
     questions: tuple[str, ...]
+    remarks: tuple[str, ...]
 
 
 def _mode_of(words: Set[str]) -> str:
@@ -236,6 +237,14 @@ def _mode_of(words: Set[str]) -> str:
     if words & WORDS["biaxial"]:
         return "equibiaxial"
     return "confined_compression" if "confined" in words and "unconfined" not in words else "uniaxial"
+
+
+def _kinds_in(stated: Set[str]) -> list[Set[str]]:
+    """Words of each kind of test in the text above the names; a uniaxial one is of either sense."""
+    pulled, pushed = WORDS["tensile_test"], WORDS["compressive"] | {"confined", "unconfined"}
+    either = {"uniaxial"} if stated.isdisjoint(pulled | pushed) else set[str]()
+    kinds = (WORDS["shear"] | {"planar"}, WORDS["biaxial"], pulled, pushed, either)
+    return [stated & kind for kind in kinds if stated & kind]
 
 
 def test_of(strain: Column, stress: Column, columns: Sequence[Column], stated: Set[str]) -> Test:
@@ -256,8 +265,7 @@ def test_of(strain: Column, stress: Column, columns: Sequence[Column], stated: S
         ["" if name == "nominal" else name for name, words in _MEASURES[of_which].items() if words & names]
         for of_which, names in (("strain", along), ("stress", of))
     )
-    if not kind and "kirchhoff" in of:
-        kind = [] if "piola" in of else ["true"]  # Kirchhoff's stress is J σ, and J is 1
+    kind = kind or ["true"] * ("kirchhoff" in of and "piola" not in of)  # J σ, and J is 1
     if {"piola"} & of and not kind:
         questions.append(f'{stress.name}: first or second Piola-Kirchhoff? write stress = "nominal" or "pk2"')
     elif not kind and (
@@ -268,14 +276,14 @@ def test_of(strain: Column, stress: Column, columns: Sequence[Column], stated: S
         if len(found) > 1:
             questions.append(f"{column.name}: the name has two measures; write one in the settings")
     of_mode = WORDS["shear"] | WORDS["biaxial"] | WORDS["tensile"] | WORDS["compressive"]
-    both |= set() if both & of_mode else stated & (of_mode | {"pure", "planar", "confined", "unconfined"})
-    mode = _mode_of(both)
+    kinds = [] if both & of_mode else _kinds_in(stated)
+    questions += ["the text above the names has several tests: write the mode"] * (len(kinds) > 1)
+    mode = _mode_of(both := both.union(*kinds, stated & {"pure"}) if len(kinds) == 1 else both)
+    remarks = (f"the text above the names states {mode}; correct it if that is wrong",) * (len(kinds) == 1)
     is_open = mode == "uniaxial" and not both & WORDS["tensile"]
     others = [(one.values, {*words_of(one.name)}) for one in columns if is_open]
-    named = both.union(
-        *(words for _, words in others if words & {"load", "force", "kraft", "last"} and "cell" not in words)
-    )
-    gaps = [values for values, words in others if "gap" in words]
-    is_compressive = mode == "confined_compression" or any(gap[-1] < gap[0] for gap in gaps)
-    is_compressive |= bool(named & WORDS["compressive"])
-    return Test(mode, next(iter(measure), ""), next(iter(kind), ""), is_compressive, tuple(questions))
+    of_load = {"load", "force", "kraft", "last"}
+    both = both.union(*(words for _, words in others if words & of_load and "cell" not in words))
+    is_compressive = mode == "confined_compression" or bool(both & WORDS["compressive"])
+    is_compressive |= any(gap[-1] < gap[0] for gap, words in others if "gap" in words)
+    return Test(mode, "".join(measure[:1]), "".join(kind[:1]), is_compressive, tuple(questions), remarks)

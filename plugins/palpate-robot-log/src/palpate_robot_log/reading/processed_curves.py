@@ -104,10 +104,8 @@ def _unnamed(columns: Sequence[Column]) -> Proposal | None:
         ask = f"{stress.column.name}: a test needs strain or stretch next to stress; add its column"
     elif all(WORDS["time"] & {*words} or has_role(words, "travel") for words in map(words_of, names)):
         ask = f"{', '.join(names)}: a curve needs depth and force at each time; log both"
-    channels = {
-        "abscissa": {"name": names[-2], "scale": "factor to mm"},
-        "ordinate": {"name": names[-1], "scale": "factor to N"},
-    }
+    fields = zip(("abscissa", "ordinate"), names[-2:], ("mm", "N"), strict=True)
+    channels = {key: {"name": name, "scale": f"factor to {unit}"} for key, name, unit in fields}
     return Proposal(entries=_entries({"force": channels}), questions=(ask,))
 
 
@@ -224,8 +222,7 @@ def _placed(depth: Picked, force: Picked) -> tuple[dict[str, Any], list[str]]:
     is_there = np.isfinite(depth.column.values) & np.isfinite(force.column.values)
     x, y = depth.column.values[is_there], force.column.values[is_there]
     press = "a press is assumed, as the file states no test; of a specimen give stress and strain"
-    is_depth = bool(WORDS["depth"] & {*words_of(depth.column.name)})
-    remarks = [] if is_depth else [f"check {depth.column.name}: {press}"]
+    remarks = [f"check {depth.column.name}: {press}"] * WORDS["depth"].isdisjoint(words_of(depth.column.name))
     if x.size < 2 or not np.ptp(x) or not np.ptp(y):
         return {"abscissa": _column(depth), "ordinate": _column(force)}, remarks
     farthest = int(np.argmax(np.abs(x - x[0])))
@@ -236,19 +233,17 @@ def _placed(depth: Picked, force: Picked) -> tuple[dict[str, Any], list[str]]:
     shift = -sense * float(x[0]) - approach if unloaded else 0.0
     shift = shift if abs(shift) > _AT_REST * np.ptp(x) else 0.0
     is_deep = np.abs(x - x[0]) > np.abs(x[farthest] - x[0]) / 2.0
-    push = -1.0 if np.median(y[is_deep]) < 0.0 else 1.0
+    free = float(np.median(y[sense * (x - x[0]) < _FREE * approach])) if approach else 0.0
+    free = free if abs(free) > _AT_REST * np.ptp(y) else 0.0
+    push = -1.0 if np.median(y[is_deep]) < free else 1.0
     if sense < 0.0 or shift:
         way = f"begins at {x[0]:.6g} and {'falls' if sense < 0.0 else 'rises'}"
         way += f", with first contact at {x[0] + sense * approach:.4g}" if approach else ""
         zero = f", offset = {shift * (depth.factor or 1.0):.6g}" if shift else ""
         turned = "its sign is turned" if sense < 0.0 else "depth is 0 there"
         remarks.append(f"{depth.column.name} {way}: {turned}{zero}")
-    if push < 0.0:
-        remarks.append(f"{force.column.name} is negative under load: its sign is turned")
-    free = float(np.median(y[sense * (x - x[0]) < _FREE * approach])) if approach else 0.0
-    free = free if abs(free) > _AT_REST * np.ptp(y) else 0.0
-    if free:
-        remarks.append(f"{force.column.name} is {free:.4g} in free air, which is subtracted")
+    remarks += [f"{force.column.name} falls under load: its sign is turned"] * (push < 0.0)
+    remarks += [f"{force.column.name} is {free:.4g} in free air, which is subtracted"] * bool(free)
     settings: dict[str, Any] = {
         "abscissa": _column(depth, sense, shift * (depth.factor or 1.0)),
         "ordinate": _column(force, push, -push * free * (force.factor or 1.0)),
@@ -332,8 +327,7 @@ def _homogeneous(columns: Sequence[Column], stated: Set[str]) -> Proposal | None
     columns_of |= {key: of for key, of in (("strain", test.strain), ("stress", test.stress)) if of}
     rows, rests = _loading(along.column)
     questions = [*test.questions, *_open(along, stress, columns, is_stretch=is_stretch)]
-    if test.stress and is_nominal:
-        remarks = [*remarks, f"check {along.column.name}: a nominal strain is assumed"]
+    remarks += [f"check {along.column.name}: a nominal strain is assumed"] * bool(test.stress and is_nominal)
     measures: Any = (test.strain or "stretch", test.stress or "nominal")
     if problem := problem_of(test.mode, *measures):
         questions.append(f"{along.column.name}, {stress.column.name}: {problem}")
@@ -345,7 +339,7 @@ def _homogeneous(columns: Sequence[Column], stated: Set[str]) -> Proposal | None
     return Proposal(
         entries=_entries({test.mode: columns_of | rows}),
         test=test.mode,
-        remarks=(*along.remarks, *stress.remarks, *remarks, *converted, *rests),
+        remarks=(*along.remarks, *stress.remarks, *test.remarks, *remarks, *converted, *rests),
         questions=tuple(questions),
     )
 
