@@ -176,7 +176,8 @@ def _curves(columns: Sequence[Column], stated: str) -> Proposal | None:
         ask = "the file states a bending test: give a press, or stress and strain of a specimen"
         return Proposal(test="uniaxial", questions=(ask,))
     is_shear = stated == "shear" or names & WORDS["shear"]
-    if (is_shear or stated == "tensile_test" or names & WORDS["tensile"]) and FORCE.name in channels:
+    is_pulled = names & WORDS["tensile"] or (stated == "tensile_test" and not names & WORDS["depth"])
+    if (is_shear or is_pulled) and FORCE.name in channels:
         return _specimen(columns, "simple_shear" if is_shear else "uniaxial")
     return Proposal(entries=_entries(channels), remarks=tuple(remarks), questions=tuple(questions))
 
