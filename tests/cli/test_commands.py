@@ -264,7 +264,7 @@ def test_run_prints_results_to_stdout_and_progress_to_stderr(call: Call, study: 
     outcome = call("run", study, "--out", "here")
     assert outcome.code == 0
     assert "SIMULATED" in outcome.out
-    assert re.search(r"fit: \d+ of \d+ \d+ ok", outcome.err)
+    assert re.search(r"fit: \d+ of \d+: \d+ ok", outcome.err)
     assert " ok" not in outcome.out
     assert Path("here/report").is_dir()
     assert Path("here/design.parquet").is_file()

@@ -95,7 +95,7 @@ def test_every_output_has_the_same_numbers_of_the_same_set(call, made, run):
         ]
     (of_run,) = (row for row in ran["fit"] if row["scenario"] == "joint")
     assert of_run["fopt"] == fit["fopt"]
-    stated = f"Fopt {fit['fopt']:.4g} (the least: {fit['fopt_least']:.4g})"
+    stated = f"Fopt {fit['fopt']:.2g} (the least: {fit['fopt_least']:.2g})"
     page = (report / "index.html").read_text(encoding="utf-8")
     assert stated in page
     assert stated in " ".join(ran["conclusion"])

@@ -172,7 +172,7 @@ def test_a_stopped_fit_without_a_sweep_shows_how_far_it_is(call, study, tmp_path
     warning = stopped.json["warnings"][0]
     assert warning.startswith(f"The run has not ended. So far: {n_known} simulations; fit: ")
     assert stopped.json["next"] == "finish the run: `palpate run runs/toy`"
-    assert f"Simulations: {n_known} so far." in stopped.json["conclusion"]
+    assert f"{n_known} simulations so far." in stopped.json["conclusion"]
     assert not any("converged" in each for each in stopped.json["warnings"])
     assert [row["value"] > 0.0 for row in stopped.json["intervals"]] == [True, True]
     with locked(tmp_path / "runs" / "toy"):
