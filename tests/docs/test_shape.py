@@ -18,7 +18,7 @@ ROOT = Path(__file__).parents[2]
 LONGEST_FILE = 500
 LONGEST_FUNCTION = 45
 MOST = {
-    "lines": 76_852,
+    "lines": 76_851,
     "lines of the core": 33_244,
     "classes": 654,
     "constants": 731,

@@ -180,7 +180,6 @@ class Assessment:
             density = density_of(of_all, end.problem)
             # Where the curves count as in Fopt, the least of it is what was searched.
             point = points.point if linear.is_like_fopt else most_likely(of_all, density, end.problem)
-        if errors.between is None:
             there = replace(points, residuals=points.residuals + points.jacobian @ (point - points.point))
         close = closeness_of(there.residuals, end.problem.terms, points.channels)
         made = checks(missed, linear.expected, close, shape, errors.alike, of_all.in_ranges)
