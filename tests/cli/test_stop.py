@@ -95,7 +95,7 @@ def read_to(process, words):
 def test_ctrl_c_once_drains_and_leaves_no_process(start, tmp_path, until):
     process = start(n_free=2)
     until(lambda: n_finished(tmp_path / "run") >= 2, still=lambda: process.poll() is None)
-    assert len(processes_of(tmp_path)) == 3
+    assert len(processes_of(tmp_path)) == 1 + 2 * 2, "a run, two workers, and a guard of each"
     until(lambda: len(list(tmp_path.glob("began-*"))) == 4, still=lambda: process.poll() is None)
     process.send_signal(signal.SIGINT)
     before = read_to(process, "finishing the simulations that are running; once more (Ctrl-C) stops at once")
