@@ -210,7 +210,7 @@ def test_the_page_holds_the_tables_and_the_figure_and_asks_no_network(swept, tmp
     assert "<b>one" not in page
     assert html.unescape(policy).startswith("default-src 'none'")
     assert "AICc and BIC are left out: the runs were fitted to different curves or channels." in page
-    assert "<p>Simulated data, not a measurement.</p>" in page
+    assert ": simulated data, not a measurement.</p>" in page
     # One column for each run.
     heads = re.findall('<th scope="col"[^>]*>([^<]*)</th>', page[: page.index("Errors of each run")])
     assert heads == ["parameter", "&lt;b&gt;one", "two"]

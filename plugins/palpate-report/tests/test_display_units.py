@@ -93,6 +93,11 @@ def tied(content, tissue):
     )  # fmt: skip
 
 
+def test_what_is_not_searched_is_said_where_the_answer_is(tied):
+    assert "assuming grip = 50 × stiffness" in methods(tied, (), ())
+    assert make_conclusion(tied, {}).facts["Assumed"] == "grip = 50 × stiffness"
+
+
 def test_what_is_tied_has_the_unit_of_what_it_follows(tied):
     made, shown = make_tables(tied), make_tables(in_display_units(tied))
     for tables, unit, truth in ((made, "MPa", 20.0), (shown, "kPa", 20000.0)):
@@ -163,5 +168,5 @@ def test_the_methods_state_fixed_values_in_the_unit_of_the_ranges(content, tissu
         assessed=False, space=ParameterSpace(regions=(region,)), truth={STIFFNESS: 0.4},
         units={STIFFNESS: "kPa"},
     )  # fmt: skip
-    assert "with grip = 0.5 MPa fixed" in methods(made, (), ())
-    assert "with grip = 500 kPa fixed" in methods(in_display_units(made), (), ())
+    assert "assuming grip = 0.5 MPa" in methods(made, (), ())
+    assert "assuming grip = 500 kPa" in methods(in_display_units(made), (), ())

@@ -34,7 +34,7 @@ OWN_NAME = re.compile(r"(^\[study\]\n(?:(?!\[).*\n)*?name = )\"[^\"]*\"", flags=
 """Name of a study in its file, behind the text of its table before it."""
 
 SEARCHED = """[fit.searched]
-# Of skin on plastic 0.3 to 1.0, by person and humidity; a twist that slips shows how much it is.
+# Skin on plastic: 0.3 to 1.0, by person and humidity. A twist in which the indenter slips identifies it.
 friction = { lower = 0.1, upper = 1.5, prior = { value = 0.7, sd = 0.3 } }
 """
 """Table of a study of own presses whose ready study searches nothing else, in no other parametrisation."""

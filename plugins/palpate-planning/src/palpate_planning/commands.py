@@ -165,7 +165,7 @@ def _run_to_extend(given: Path | None, out: Path | None) -> Path | None:
 
 
 def _show(session: Session, study: "Study", found: "Proposal") -> None:
-    from palpate_planning.candidates import is_repeat
+    from palpate_planning.candidates import described, is_repeat
     from palpate_planning.tables import not_narrowed, proposal_tables, shown_intervals
     from palpate_report.api import rows_in_display_units
 
@@ -189,11 +189,16 @@ def _show(session: Session, study: "Study", found: "Proposal") -> None:
     intervals = shown_intervals(rows_in_display_units(study, tables.intervals))
     session.frame("95 % intervals: now (step 0), and expected after each press", intervals)
     session.paragraph(
-        "mesh_bias is the most that the errors of the meshes can change a value, in its unit, where each is "
-        "one standard deviation. The error of a press counts it; the intervals do not."
+        "mesh_bias is the most by which mesh errors of one standard deviation each change a value, in its "
+        "unit. The error of a press counts it; the intervals do not."
     )
     if tables.refused.height:
         session.frame("Refused", tables.refused)
+    for k, step in enumerate(found.steps, 1):
+        chosen = step.chosen.press.press
+        widths = intervals.filter(step=k).select("parameter", "width").iter_rows()
+        then = ", ".join(f"{name} {width}" for name, width in widths)
+        session.labelled("Press", f"{chosen.name} at {chosen.spot}: {described(chosen)}; widths then: {then}")
 
 
 def _show_ranking(session: Session, title: str, ranking: "pl.DataFrame", again: Sequence[str]) -> None:

@@ -174,7 +174,8 @@ def _notes(tables: Mapping[str, pl.DataFrame], runs: Mapping[str, ReportData], l
     """Notes that a reader of the tables must know: refused runs first, or laws without a reason for each."""
     models = {name: model_verdict(data) for name, data in runs.items()}
     refused = [name for name, model in models.items() if model.failure]
-    yield from dict.fromkeys(f"{data.notice.capitalize()}." for data in runs.values() if data.notice)
+    if noticed := [name for name, data in runs.items() if data.notice]:
+        yield f"{', '.join(noticed)}: {runs[noticed[0]].notice}."
     is_short = laws and len(refused) < len(models)
     yield from (
         f"{n}: {m.sentence}" for n, m in models.items() if m.sentence and not (m.failure and is_short)

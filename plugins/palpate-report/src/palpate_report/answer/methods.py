@@ -3,7 +3,7 @@
 from collections.abc import Iterator, Sequence
 from pathlib import Path
 
-from palpate.api import Indentation, convert
+from palpate.api import Indentation, Parameter, RegionMaterial, convert
 from palpate.api.runs import FINE
 from palpate_report.answer.law import law_name
 from palpate_report.answer.model_verdict import NO_PARAMETERS
@@ -85,24 +85,26 @@ def _range(numbers: Sequence[int]) -> str:
 
 def _materials(data: ReportData) -> Iterator[str]:
     for region in data.study.space.regions:
-        units = {p.name: p.unit for p in region.material.parameters}
-        values = (f"{name} = {_shown(data, value, units[name])}" for name, value in region.fixed.items())
-        fixed = ", ".join(values)
-        tied = ", ".join(region.tied)
+        kept = f", assuming {', '.join(found)}" if (found := list(assumed(data, region))) else ""
         yield (
             f"The {in_words(region.region)} was modelled as {law_name(region.material)} "
-            f"({region.convention} coefficients)"
-            f"{f', with {fixed} fixed' if fixed else ''}{f', {tied} tied' if tied else ''}."
+            f"({region.convention} coefficients){kept}."
         )
     ranges = (with_unit(f"{p.name} {p.lower:.4g} to {p.upper:.4g}", p.unit) for p in data.searched.values())
     yield f"The search ranges were {', '.join(ranges)}."
 
 
-def _shown(data: ReportData, value: float, unit: str) -> str:
-    """Value as text, in the unit of the moduli where it is one."""
-    if unit == "MPa":
-        return f"{convert(f'{value} MPa', data.modulus_unit):.4g} {data.modulus_unit}"
-    return with_unit(f"{value:.4g}", unit)
+def assumed(data: ReportData, region: RegionMaterial) -> Iterator[str]:
+    """Equations of the parameters that are not searched: fixed, or a factor times another one."""
+    for parameter in region.material.parameters:
+        name = data.brief_name(region.name_of(parameter.name))
+        if parameter.name in region.fixed:
+            value, unit = region.fixed[parameter.name], parameter.unit
+            if unit == "MPa":
+                value, unit = convert(f"{value} MPa", data.modulus_unit), data.modulus_unit
+            yield f"{name} = {with_unit(f'{value:.4g}', unit)}"
+        elif (tie := region.tied.get(parameter.name)) and not isinstance(tie.factor, Parameter):
+            yield f"{name} = {tie.factor:.4g} × {data.brief_name(tie.source)}"
 
 
 def _search(data: ReportData) -> Iterator[str]:

@@ -142,13 +142,15 @@ def _table1(blocks: Sequence[_Block], *, wide: bool) -> str:
     laws = dict.fromkeys(
         region.material.summary for block in blocks for region in block.data.study.space.regions
     )
+    counts = {b.title: sum(len(r.curves) for r in b.data.measured.values()) for b in blocks}
+    curves = ", ".join(f"{n} curve{'' if n == 1 else 's'} of {title}" for title, n in counts.items())
     return tabular(
         columns,
         [line for block in blocks for line in _coefficients(block, scenarios, n, wide=wide)][1:],
         caption=_caption(
             what,
             blocks,
-            f"{'; '.join(laws)}; {_curves(blocks)}",
+            f"{'; '.join(laws)}; {curves}",
             explained(mark for block in blocks for mark in block.marks),
         ),
         label="coefficients-wide" if wide else "coefficients",
@@ -215,12 +217,6 @@ def _failures(blocks: Sequence[_Block]) -> list[str]:
     """Reasons why no parameters can be read from some of the runs."""
     sentences = ((block.title, model_verdict(block.data).sentence) for block in blocks)
     return [f"{title}: {sentence}" for title, sentence in sentences if sentence]
-
-
-def _curves(blocks: Sequence[_Block]) -> str:
-    """Number of curves of each run."""
-    counts = {b.title: sum(len(r.curves) for r in b.data.measured.values()) for b in blocks}
-    return ", ".join(f"{n} curve{'' if n == 1 else 's'} of {title}" for title, n in counts.items())
 
 
 def _caption(what: str, blocks: Sequence[_Block], *more: str) -> str:

@@ -13,7 +13,7 @@ from palpate.api.report import ReportWarning, Section, shown
 from palpate.api.runs import Study, answering_for
 from palpate_report.answer.failed_checks import apparent, left_out
 from palpate_report.answer.headline import between_spots, holds_truth, missed_truth
-from palpate_report.answer.methods import methods
+from palpate_report.answer.methods import assumed, methods
 from palpate_report.answer.model_verdict import ModelVerdict, least_r2, model_verdict
 from palpate_report.answer.next_step import CAUSES, next_step
 from palpate_report.answer.warnings import report_warnings, warn
@@ -80,6 +80,8 @@ class Conclusion:
         Why the parameters are of one rate alone; empty where nothing shows it.
     not_included : tuple of str
         What may be wrong and is in no interval.
+    assumed : str
+        Equations of the parameters that are not searched; empty without them.
     known : str
         That every interval holds the true value of simulated data; empty where this is not so or unknown.
     mesh : str
@@ -110,6 +112,7 @@ class Conclusion:
     notes: tuple[ReportWarning, ...] = ()
     apparent: str = ""
     not_included: tuple[str, ...] = ()
+    assumed: str = ""
     known: str = ""
     mesh: str = ""
     between_spots: str = ""
@@ -148,7 +151,7 @@ class Conclusion:
     def facts(self) -> dict[str, str]:
         """Facts by the words that the terminal and the page have for them."""
         left_out = f"errors of {', '.join(self.not_included)}" if self.not_included else ""
-        found = {"Left out": left_out, "True values": self.known}
+        found = {"Assumed": self.assumed, "Left out": left_out, "True values": self.known}
         return {**self.of_stages, **{word: text for word, text in found.items() if text}}
 
     @property
@@ -181,6 +184,7 @@ def make_conclusion(data: ReportData, tables: Mapping[str, pl.DataFrame]) -> Con
         apparent=apparent(data),
         not_included=missing,
         methods=methods(data, estimates, missing),
+        assumed=", ".join(each for region in data.study.space.regions for each in assumed(data, region)),
         known="every interval holds the true value" if holds_truth(data, estimates) else "",
         mesh="" if no_fit else _mesh(data),
         between_spots="" if no_fit else between_spots(data),

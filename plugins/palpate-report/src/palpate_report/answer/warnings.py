@@ -62,7 +62,8 @@ def report_warnings(
         first = "" if data.fit.intervals.is_empty() else linear
         why = f"{first}So far: {data.unfinished}. The page shows the best of the simulations so far."
         yield warn("unfinished", "The run has not ended", why)
-    yield from _about_no_fit(data)
+    wrong = [(name, f"{fit} R² {at:.3g}") for name, fit, at in _r2(data, -inf, NO_FIT_R2)]
+    yield from _by_scenario(data, "no-fit", "{n} of the best sets {do} not fit", wrong, CHECK)
     yield from _about_adequacy(data)
     yield from _about_truth(missed)
     if sentence := apparent(data):
@@ -107,11 +108,6 @@ def _r2(data: ReportData, least: float, below: float) -> Iterator[tuple[str, str
         for channel in data.scenario(best.scenario).weighed:
             if (at := best.r2.get(channel)) is not None and least <= at < below:
                 yield best.scenario, f"{best.where}: {in_words(channel)}", at
-
-
-def _about_no_fit(data: ReportData) -> Iterator[ReportWarning]:
-    wrong = [(name, f"{fit} R² {at:.3g}") for name, fit, at in _r2(data, -inf, NO_FIT_R2)]
-    yield from _by_scenario(data, "no-fit", "{n} of the best sets {do} not fit", wrong, CHECK)
 
 
 def _about_poor_fit(data: ReportData) -> Iterator[ReportWarning]:

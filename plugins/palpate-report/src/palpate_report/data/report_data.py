@@ -365,7 +365,7 @@ class ReportData:
 def brief_names(names: Iterable[str]) -> dict[str, str]:
     """Brief name of each parameter: without its region, where all are of one."""
     parsed = {name: ParameterName.parse(name) for name in names}
-    if len({name.region for name in parsed.values()}) > 1:
+    if len({name.region for name in parsed.values() if name.region}) > 1:
         return {name: name for name in parsed}
     return {full: str(replace(name, region="")) for full, name in parsed.items()}
 

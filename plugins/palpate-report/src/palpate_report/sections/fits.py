@@ -198,13 +198,6 @@ def _cell(value: Headline) -> Lines:
     return Lines([*lines, *map(Word, filter(None, value.verdict.split(", ")))])
 
 
-def _below(bests: Sequence[Best]) -> str:
-    """Blocks below the values."""
-    if any(value.level for best in bests for value in best.values):
-        return "its 95 % interval"
-    return "the fitted optimum, and the range that fits about as well"
-
-
 def _by_spot(data: ReportData, bests: Sequence[Best]) -> Table:
     """Values of one scenario, parameter by spot; the joint fit comes first."""
     truth = data.study.truth
@@ -220,8 +213,10 @@ def _by_spot(data: ReportData, bests: Sequence[Best]) -> Table:
     for channel in data.measured_channels:
         rows.append([f"R² {in_words(channel)}{least}", *(best.r2[channel] for best in bests), *known])
     rows.append(["found by", *(best.found for best in bests), *([""] if truth else [])])
+    is_sure = any(value.level for best in bests for value in best.values)
+    below = "its 95 % interval" if is_sure else "the fitted optimum, and the range that fits about as well"
     return Table(
-        f"The fit to {bests[0].fitted_to} (scenario {bests[0].scenario}); below each value {_below(bests)}",
+        f"The fit to {bests[0].fitted_to} (scenario {bests[0].scenario}); below each value {below}",
         ["parameter", *(best.spot for best in bests), *(["true value"] if truth else [])],
         rows,
     )

@@ -73,6 +73,10 @@ class Pictures(Section):
         yield Paragraph(f"Pictures of the limb as it was meshed, and of each press as it was read.{more}")
         yield from folds
 
+    def result(self, data: ReportData, report: Report) -> str:
+        """Number of the pictures."""
+        return f"{sum(map(len, data.pictures.values()))} pictures, spot by spot"
+
 
 def _small(path: Path) -> bytes | None:
     """A picture with fewer pixels and colours, as lines and faces have few; None where it cannot be read."""
