@@ -267,7 +267,7 @@ def test_a_set_that_does_not_fit_is_reported_first_instead_of_parameters(content
 def test_weights_that_are_not_1_are_shown_with_their_channels():
     assert weighted_channels(Scenario(name="a", weights={"force": 1.0, "torque": 1.0})) == "force + torque"
     mixed = Scenario(name="a", weights={"force": 0.7, "torque": 0.3, "slide": 0.0})
-    assert weighted_channels(mixed) == "0.7 force + 0.3 torque"
+    assert weighted_channels(mixed) == "0.7 × force + 0.3 × torque"
 
 
 def test_what_is_not_identifiable_or_unclear_and_spots_that_disagree_are_named(content):

@@ -75,7 +75,7 @@ def test_what_a_scenario_fits():
     assert [MIXED.fits(n) for n in ("force", "torque", "torque/unload", "torque/load")] == [1, 0, 1, 0]
     assert WHOLE.fits("torque/load")
     assert both.fits("torque")
-    assert weighted_channels(MIXED) == "force + 0.5 torque/unload"
+    assert weighted_channels(MIXED) == "force + 0.5 × torque/unload"
 
 
 @pytest.mark.parametrize("scenario", [MIXED, BACK])

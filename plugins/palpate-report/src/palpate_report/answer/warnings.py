@@ -166,9 +166,8 @@ _VERBS = {True: {"is": "is", "has": "has", "do": "does"}, False: {"is": "are", "
 """Verbs of one thing, and of several."""
 
 
-def _some(texts: Sequence[str], most: int = 4) -> str:
-    more = f"; and {len(texts) - most} more" if len(texts) > most else ""
-    return "; ".join(texts[:most]) + more
+def _some(texts: Sequence[str]) -> str:
+    return "; ".join([*texts[:4], *([f"and {len(texts) - 4} more"] if texts[4:] else [])])
 
 
 def _about_adequacy(data: ReportData) -> Iterator[ReportWarning]:
@@ -177,7 +176,8 @@ def _about_adequacy(data: ReportData) -> Iterator[ReportWarning]:
         fits = by_remedy.setdefault((each.verdict, each.remedy), {})
         fits.setdefault((each.scenario, each.message), []).append(each.fit)
     for (verdict, remedy), found in by_remedy.items():
-        texts = [(name, f"{_some(fits, 1)}, scenario {name}: {why}") for (name, why), fits in found.items()]
+        others = {key: f" and {len(fits) - 1} other fits" if fits[1:] else "" for key, fits in found.items()}
+        texts = [(k[0], f"{fits[0]}{others[k]}, scenario {k[0]}: {k[1]}") for k, fits in found.items()]
         yield from _by_scenario(data, "model", f"The model {verdict} the data", texts, remedy)
 
 

@@ -138,4 +138,4 @@ def _at(
 def weighted_channels(scenario: Scenario) -> str:
     """Channels and phases that a scenario weights, joined with plus signs; with weights that are not 1."""
     weighed = ((in_words(name), weight) for name, weight in scenario.weighed.items())
-    return " + ".join(name if weight == 1.0 else f"{weight:g} {name}" for name, weight in weighed)
+    return " + ".join(name if weight == 1.0 else f"{weight:g} × {name}" for name, weight in weighed)
