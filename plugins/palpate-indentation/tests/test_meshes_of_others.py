@@ -215,6 +215,18 @@ def test_conditions_of_an_assembly_name_sets_of_instances(tmp_path: Path) -> Non
     assert counts(tmp_path, text, ["Limb-1.bone", "CUTS"])[1] == HELD.size
 
 
+def test_a_tool_whose_node_is_in_its_instance_is_left_out(tmp_path: Path) -> None:
+    tool = "*Instance, name=Tool-1, part=Tool\n*Node\n1, 0., 0., 90.\n*Surface, type=CYLINDER, name=Face\n"
+    text = (
+        f"*Part, name=Limb\n{part()}*End Part\n*Part, name=Tool\n*End Part\n*Assembly, name=A\n"
+        f"*Instance, name=Limb-1, part=Limb\n*End Instance\n{tool}START, 5., 10.\n"
+        "*Rigid Body, ref node=1, analytical surface=Face\n*End Instance\n"
+        "*End Assembly\n*Boundary\nLimb-1.bone, 1, 3\nLimb-1.cuts, 1, 3\nTool-1.1, 3, 3, -5.\n"
+    )
+    limb, n_fixed = counts(tmp_path, text)
+    assert (len(limb.mesh.points_mm), n_fixed) == (len(LIMB.mesh.points_mm), HELD.size)
+
+
 def test_an_instance_that_is_moved_is_moved(tmp_path: Path) -> None:
     moved = (
         f"*Part, name=Limb\n{part()}*End Part\n*Assembly, name=A\n*Instance, name=L, part=Limb\n1., 2., 0.\n"
@@ -242,6 +254,12 @@ def test_surfaces_are_sets_of_nodes(tmp_path: Path, surface: str, n: int) -> Non
         tmp_path / "m.inp", Spot(name="p1")
     )
     assert found.mesh.node_sets["fixed"].size >= n
+
+
+@pytest.mark.parametrize("kind", ["REVOLUTION", "CYLINDER", "SEGMENTS"])
+def test_the_analytical_surface_of_a_tool_is_passed_over(tmp_path: Path, kind: str) -> None:
+    tool = f"*Surface, type={kind}, name=Punch\nSTART, 5., 10.\nLINE, 5., 0.\n"
+    assert counts(tmp_path, part() + tool + "*Boundary\nbone, 1, 3\ncuts, 1, 3\n")[1] == HELD.size
 
 
 def test_what_is_not_used_is_named(tmp_path: Path) -> None:

@@ -33,9 +33,12 @@ WORDS: Mapping[str, str] = {
 }
 """Words of names of regions: a bone's, words for its parts, and words that show that it is no bone."""
 UNITS_MM: Mapping[str, float] = {"mm": 1.0, "cm": 10.0, "m": 1000.0, "um": 0.001}
-SKIN = re.compile(r"(?i)contact|skin|press|outer|surface|touch|top|indent|haut|oberfl|kontakt|peau|piel")
+SKIN = re.compile(
+    r"(?i)contact|skin|press|outer|surface|touch|top|indent|haut|oberfl|kontakt|peau|piel|epiderm"
+)
 FIXED = re.compile(
-    r"(?i)fix|(?<![a-z])h[eo]ld|support|clamp|encast|anchor|(?P<end>cut|base|bottom|schnitt|coupe)"
+    r"(?i)fix|(?<![a-z])h[eo]ld|support|clamp|encast|anchor"
+    r"|(?P<end>cut|base|bottom|schnitt|coupe|corte|taglio|(?<![a-z])ends?(?![a-z]))"
 )
 
 
@@ -68,12 +71,20 @@ def _kinds(name: str) -> set[str]:
     return {known.get(word, "bone" if word.endswith("knochen") else "") for word in words}
 
 
-def likely_sets(names: Sequence[str], regions: Sequence[str] = ()) -> tuple[str | None, list[str]]:
-    """Name that is likely the skin's, and names that are likely supports, else bone among the regions."""
-    skins = ["contact"] if "contact" in names else sorted(filter(SKIN.search, names), key=len)
+def likely_sets(names: Sequence[str], regions: Sequence[str] = ()) -> tuple[str | None, list[str], list[str]]:
+    """Name that is likely the skin's, names of likely supports, else bone among the regions; and a finding.
+
+    The finding has the names that are neither, next to supports: each may hold the limb too.
+    """
+    skins = sorted(
+        filter(SKIN.search, names), key=lambda name: (name != "contact", _is_fixed(name), len(name))
+    )
     of_bone = [name for found in bones(names) for name in found]
     held = [name for name in names if name not in skins[:1] and (name in of_bone or _is_fixed(name))]
-    return next(iter(skins), None), ["fixed"] if "fixed" in held else held or bones(regions)[0]
+    held = ["fixed"] if "fixed" in held else held
+    free = [name for name in names if name not in (*skins[:1], *held)] if held else []
+    unused = f"not used: {', '.join(free)}; if the limb is held there, add the name to fixed"
+    return next(iter(skins), None), held or bones(regions)[0], [unused] * bool(free)
 
 
 def _is_fixed(name: str) -> bool:

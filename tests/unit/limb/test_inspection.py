@@ -53,7 +53,7 @@ def test_a_bone_is_known_by_the_words_of_its_name(name):
 
 def test_bone_is_a_support_where_no_set_is():
     regions = ["skin", "bone_marrow", "femur"]
-    assert likely_sets(["skin face"], regions) == ("skin face", ["femur"])
+    assert likely_sets(["skin face"], regions) == ("skin face", ["femur"], [])
     assert likely_sets(["skin face", "cuts"], regions)[1] == ["cuts"]
 
 
@@ -61,6 +61,14 @@ def test_soft_tissue_is_a_support_where_its_name_says_so_alone():
     soft = ["skin", "subcutaneous", "bone_marrow", "threshold", "fat_base"]
     assert likely_sets([*soft, "forearm_bone", "Knochen"])[1] == ["forearm_bone", "Knochen"]
     assert likely_sets([*soft, "fixed_muscle", "cut_end"])[1] == ["fixed_muscle", "cut_end"]
+
+
+def test_a_set_that_is_neither_skin_nor_support_is_named():
+    skin, held, (unused,) = likely_sets(["hueso", "corte_izq", "lado", "piel_superficie"])
+    assert (skin, held) == ("piel_superficie", ["hueso", "corte_izq"])
+    assert "not used: lado; if the limb is held there" in unused
+    assert "cuts" in likely_sets(["fixed", "cuts", "contact"])[2][0]
+    assert likely_sets(["cut surfaces", "Skin Contact"]) == ("Skin Contact", ["cut surfaces"], [])
 
 
 @pytest.mark.parametrize("fine_x_mm", [(0.0,), (-12.0, 12.0)])

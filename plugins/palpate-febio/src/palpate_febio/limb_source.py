@@ -69,16 +69,15 @@ class FebioDeckSource(LimbSource[FebioDeckSettings]):
         settings: dict[str, object] = {} if unit == "mm" else {"unit": unit}
         if any(region_name(part.material) != part.material for part in deck.parts):
             settings["regions"] = {region_name(part.material): part.material for part in deck.parts}
-        skin, held = likely_sets([*deck.node_sets, *deck.surfaces])
+        skin, held, unused = likely_sets([*deck.node_sets, *deck.surfaces])
         if skin not in (None, "contact") and len(deck.touched) != 1:
             settings["contact"] = skin
         findings = [finding] if finding else []
         if not deck.supports and held:
             settings["fixed"] = held
             sets = ", ".join(f"'{name}'" for name in held)
-            findings.append(
-                f"no condition of the deck holds nodes; fixed is {sets} by its name alone: check it"
-            )
+            by_name = f"no condition of the deck holds nodes; fixed is {sets} by its name alone: check it"
+            findings += [by_name, *unused]
         parts = [(p.name, p.kind, p.material, str(len(p.cells))) for p in deck.parts]
         parts += [(name, "rigid", "", f"{len(nodes)} nodes") for name, nodes in deck.rigid.items()]
         named = [(name, "node set", f"{len(nodes)} nodes") for name, nodes in deck.node_sets.items()]

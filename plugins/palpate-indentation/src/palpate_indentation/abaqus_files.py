@@ -34,10 +34,7 @@ HOLDS = ("MPC", "EQUATION", "KINEMATICCOUPLING", "DISTRIBUTINGCOUPLING", "EMBEDD
 def read_abaqus(path: Path) -> MeshFile:
     """Contents of an input file, with those that it includes from its own folder.
 
-    Raises
-    ------
-    MeshError
-        Something cannot be read; with the line, and what to do.
+    A MeshError where something cannot be read; with the line, and what to do.
     """
     model = Model(path).read()
     supports, warnings = _Conditions(model).read()
@@ -199,7 +196,7 @@ class _Conditions:
                     self.leave_out(members, name)
                 else:
                     nodes |= model.sets.get(name, set())
-        reference = self.reference(keyword)
+        reference = self.reference(keyword) if nodes else None  # of an analytical tool
         self.moves_with(f"the rigid body in line {keyword.line}", nodes, reference)
         return nodes, reference
 

@@ -106,20 +106,19 @@ class Model:
 
     def read(self) -> "Model":
         """Read the file: parts, then sets and surfaces of the assembly, which may name anything."""
-        part = instance = ""
+        part = ""
         for keyword in _keywords(self.path):
             match keyword.name:
                 case "PART":
                     part = self.title(keyword, "NAME")
                     self.bodies.setdefault(part, _Body())
                 case "ENDPART" | "ENDINSTANCE":
-                    part = instance = ""
+                    part = ""
                 case "INSTANCE":
-                    instance = self.title(keyword, "NAME")
-                    of = self.title(keyword, "PART")
-                    if of not in self.bodies:
-                        raise self.refused(keyword, f"no part '{of}'; define the part before its instance")
-                    self.instances[instance] = (of, keyword.rows)
+                    part = self.title(keyword, "PART")  # whose nodes may be in the instance
+                    if part not in self.bodies:
+                        raise self.refused(keyword, f"no part '{part}'; define the part before its instance")
+                    self.instances[self.title(keyword, "NAME")] = (part, keyword.rows)
                 case _ if keyword.name in GENERATED:
                     raise self.refused(keyword, "it makes nodes or elements; write all of them out")
                 case _ if not self._define(self.bodies[part], keyword, part):
@@ -348,6 +347,8 @@ class Model:
         """Nodes of a surface: of the faces of elements, of shells, or of a node set."""
         name = self.title(keyword, "NAME")
         found = self.surfaces.setdefault(name, set())
+        if keyword.options.get("TYPE", "ELEMENT").upper() not in ("ELEMENT", "NODE"):
+            return  # of an analytical tool, by its lines and arcs
         for row in keyword.rows:
             member, face = self.member(row[0]), (row[1].upper() if len(row) > 1 else "")
             for instance in self._instances_of(part):

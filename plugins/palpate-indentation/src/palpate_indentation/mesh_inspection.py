@@ -81,13 +81,14 @@ def _covering(content: MeshFile, volume: list[int]) -> list[str]:
 
 def _node_sets(content: MeshFile, groups: list[str], findings: list[str]) -> dict[str, Any]:
     """Node sets of the skin and of what is fixed, by names that say so; else bone among groups is fixed."""
-    contact, held = likely_sets(_names(content), groups)
+    contact, held, unused = likely_sets(_names(content), groups)
     fixed: Any = held[0] if len(held) == 1 else held
     if contact is None:
         findings.append("no set of nodes has the name of a skin; name the pressed surface as `contact`")
     if len({name.rstrip("xyzXYZ") for name in held}) < len(held):
         each = f"a node of any of {', '.join(held)} is fixed in x, y and z"
         findings.append(f"{each}; if each of them holds one axis, name one set of the nodes held in all axes")
+    findings += unused if not content.supports else []
     if not content.supports and {*held} <= {*groups}:
         so = f"only {', '.join(held)} is fixed; if the cuts are held too, " if held else ""
         plane = 'fixed = { normal = [0, 0, 1], at = "… mm" }'
