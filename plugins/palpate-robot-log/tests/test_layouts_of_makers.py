@@ -13,8 +13,9 @@ from palpate_indentation import CsvLoader, CsvSettings
 from palpate_robot_log import ColumnsLoader, ColumnsSettings, RobotLogLoader, RobotLogSettings
 from palpate_robot_log.reading.inspection import inspect_log
 
-from .known_presses import DEPTH_MM, FORCE_N, TORQUE_NMM, press
-from .layouts_of_makers import LAYOUTS, MATLAB, rows
+from .known_presses import DEPTH_MM, FORCE_N, TORQUE_NMM, press, robot
+from .layouts_of_makers import DEPTH, FORCE, LAYOUTS, MATLAB, rows
+from .log_writers import write_text
 
 pytestmark = pytest.mark.usefixtures("in_this_process")
 
@@ -44,7 +45,7 @@ QUESTIONS = {
     "two decimal values in a cell": "'100 300.0' has marks between its thousands; export the file",
     "two values in a cell": "'100 300' has marks between its thousands; export the file",
     "two sensors in two units": "force: Load (N) or Load (lbf)? name one",
-    "nanometres in capitals": "the file gives 'Nm?'",
+    "nanometres in capitals": "the file gives 'NM?'",
     "creep": "Stress (Pa) hardly changes, as in creep or fatigue",
     "creep from zero": "Stress (kPa) hardly changes, as in creep or fatigue",
     "fatigue": "Stress (kPa) hardly changes, as in creep or fatigue",
@@ -61,7 +62,7 @@ QUESTIONS = {
     "shear of a plate": "give both scales, by the length and the area of the specimen",
     "percent that R has no letter for": "the file gives '...', which is no unit of strain",
     "force in volts by its name": "the file gives 'V', which is no unit of force",
-    "a unit in capitals that leaves it open": "the file gives 'Mn?', which is no unit of force",
+    "a unit in capitals that leaves it open": "the file gives 'MN?', which is no unit of force",
     "FemtoTools": "force: Force A [uN] or Force B [uN]? name one",
     "tension by its preamble": "give both scales, by the length and the area of the specimen",
     "specimen by its sizes": "give both scales, by the length and the area of the specimen",
@@ -234,6 +235,33 @@ def test_messages_as_text_are_no_table(tmp_path: Path) -> None:
     path.write_text(30 * message, encoding="utf-8")
     with pytest.raises(CurveError, match="rostopic echo -p"):
         inspect_log(path)
+    path.write_text(30 * "t= 0.1 s  X: 4.0 mm  Y: -2.5 mm  Fz: .4 N\n", encoding="utf-8")
+    with pytest.raises(CurveError, match="a name before each number of a line, and no table"):
+        inspect_log(path)
+
+
+def test_a_table_whose_lines_are_columns_is_refused(tmp_path: Path) -> None:
+    path = tmp_path / "t.csv"
+    path.write_text("".join(f"{name},{','.join(map(str, range(40)))}\n" for name in ("depth_mm", "force_N")))
+    with pytest.raises(CurveError, match="transpose the table"):
+        inspect_log(path)
+
+
+def test_a_unit_in_every_cell_is_read(tmp_path: Path) -> None:
+    lines = [f"{depth:.2f} mm,{force:.4f} N" for depth, force in zip(DEPTH, FORCE, strict=True)]
+    (tmp_path / "t.csv").write_text("\n".join(["depth,force", *lines]))
+    curves, problem = proposed(tmp_path / "t.csv")
+    assert curves is not None, problem
+    np.testing.assert_allclose(curves["force"].ordinate, FORCE, atol=1e-4)
+
+
+def test_whole_numbers_without_a_unit_may_be_counts(tmp_path: Path) -> None:
+    made = press(twist=True)
+    table = robot(made) | {f"f{axis}": np.round(1e6 * made.force_N[:, k]) for k, axis in enumerate("xyz")}
+    write_text(tmp_path / "t.csv", {"t": made.time_s} | {k: v for k, v in table.items() if k[2:] != "_N"})
+    found = inspect_log(tmp_path / "t.csv")
+    assert any("without a unit, as of counts" in each for each in found.findings)
+    assert "shows no unit" in found.record["problem"]
 
 
 @pytest.mark.filterwarnings("ignore:Gimbal lock")

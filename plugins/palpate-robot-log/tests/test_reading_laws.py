@@ -168,13 +168,15 @@ def test_every_unit_that_is_believed_is_known(unit: str) -> None:
         *(("N_m", "moment", 1e3), ("mN·m", "moment", 1.0), ("kNm", "moment", 1e6), ("Ncm", "moment", 10.0)),
         *(("%", "ratio", 0.01), ("mm/mm", "ratio", 1.0), ("N/mm²", "stress", 1.0), ("kPa", "stress", 1e-3)),
         *(("kgf/cm2", "stress", 1e-2 * G), ("°", "angle", math.pi / 180.0), ("mrad", "angle", 1e-3)),
+        *(("mils", "length", 0.0254), ("ozF", "force", 0.45359237 * G / 16.0)),
+        *(("0.001mm", "length", 1e-3), ("1/10 N", "force", 0.1), ("10^-3 in", "length", 0.0254)),
     ],
 )
 def test_units_have_the_factors_of_their_definitions(unit: str, kind: Kind, factor: float) -> None:
     assert factor_to_base(unit, kind, "here") == pytest.approx(factor, rel=1e-13)
 
 
-@pytest.mark.parametrize("unit", ["counts", "raw", "a.u.", "bit/s?", "xyz", "gr", "px"])
+@pytest.mark.parametrize("unit", ["counts", "raw", "100 N", "0.1 N", "a.u.", "bit/s?", "xyz", "gr", "px"])
 def test_a_word_that_is_no_unit_stays_unknown(unit: str) -> None:
     assert kind_of(unit) is None
     with pytest.raises(CurveError, match="is not known"):

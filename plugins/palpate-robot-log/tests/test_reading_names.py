@@ -129,6 +129,9 @@ def test_a_homogeneous_test_is_converted_by_its_names(
         ("Strain,Stress (kPa)", "Strain goes to 15: in percent? give scale, 0.01 or 1"),
         ("Depth (mm),Load (V)", "the file gives 'V', which is no unit of force"),
         ("Tensile extension (mm),Tensile load (N)", "the length and the area of the specimen"),
+        ("Displacement_mm,Force_N,Size_mm", "the length and the area of the specimen"),  # it grows
+        ("F11,P11 (kPa)", "needs strain or stretch next to stress; is it F11? name it"),
+        ("DEPTH_MM,FORCE_MN", "the file gives 'MN?', which is no unit of force"),
     ],
 )
 def test_a_name_that_is_not_certain_is_asked_about(names: str, question: str, tmp_path: Path) -> None:
@@ -225,6 +228,26 @@ def test_a_curve_is_read_in_its_words(names: str, times: tuple[float, float], tm
     curve = curve_of(tmp_path / "curve.csv", "force")
     np.testing.assert_allclose(curve.abscissa, depth, rtol=1e-9, atol=1e-9)
     np.testing.assert_allclose(curve.ordinate, 0.4 * depth**1.5, rtol=1e-9, atol=1e-9)
+
+
+def test_sizes_above_the_names_are_of_a_specimen(tmp_path: Path) -> None:
+    path = written(tmp_path / "t.csv", "Extension (mm),Load (N)", STRETCH - 1.0, NOMINAL)
+    path.write_text("Gauge length (mm),20\nOperator,A\n\n" + path.read_text())
+    assert "the length and the area of the specimen" in inspect_log(path).record["problem"]
+
+
+@pytest.mark.parametrize("names", ["Depth (mm),Force (N)", "Strain,Stress (kPa)"])
+@pytest.mark.parametrize(("n_steps", "is_asked"), [(10, True), (2, False), (200, False)])
+def test_rests_on_the_way_are_a_question(names: str, n_steps: int, is_asked: bool, tmp_path: Path) -> None:
+    depth = np.linspace(0.0, 1.0, n_steps + 1).repeat(400 // n_steps)
+    found = inspect_log(written(tmp_path / "t.csv", names, depth, 5.0 * depth))
+    assert ("as in stepwise relaxation" in found.record["problem"]) == is_asked
+
+
+@pytest.mark.parametrize(("unit", "is_odd"), [("kPa", False), ("MPa", True)])
+def test_a_stiffness_of_no_soft_tissue_is_stated(unit: str, is_odd: bool, tmp_path: Path) -> None:
+    path = written(tmp_path / "t.csv", f"Strain,Stress ({unit})", STRETCH - 1.0, 5e3 * NOMINAL)
+    assert ("is of no soft tissue" in "".join(inspect_log(path).findings)) == is_odd
 
 
 @pytest.mark.parametrize(

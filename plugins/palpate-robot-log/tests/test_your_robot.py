@@ -121,6 +121,11 @@ def doosan() -> Table:
     return {"time": time} | named("x y z a b c", 1e3 * x, angles) | named("fx fy fz tx ty tz", -f, -m)
 
 
+def doosan_posx() -> Table:
+    table = doosan()
+    return {f"posx[{'xyzabc'.index(name)}]" if name in "xyzabc" else name: v for name, v in table.items()}
+
+
 def degrees_about_fixed_axes() -> Table:
     time, x, pose, f, m = log()
     angles = pose.as_euler("xyz", degrees=True)
@@ -167,6 +172,7 @@ MAKERS = (
     universal_robots,
     fanuc,
     doosan,
+    doosan_posx,
     degrees_about_fixed_axes,
     ros_text,
     plotjuggler,

@@ -224,10 +224,7 @@ class _Archive:
 def read_ansys(path: Path) -> MeshFile:
     """Contents of a blocked archive.
 
-    Raises
-    ------
-    MeshError
-        Something cannot be read; with the line, and what to do.
+    A MeshError where something cannot be read; with the line, and what to do.
     """
     archive = _Archive(path)
     index = archive.index

@@ -54,7 +54,7 @@ _OF_LABELS = {
 
 _OTHER_CASE = {unit.lower(): unit for unit in _TABLES["usual"]["other_case"].split()}
 _OF_CAPITALS = {"MilliN": "mN", "MicroN": "uN", "N": "N", "Nm": "Nm", "Um": "um", "Ms": "ms"} | {
-    word: f"{word}?" for word in ("Mn", "MN", "UN", "Un", "Us", "Ns")
+    word: f"{word.upper()}?" for word in ("Mn", "MN", "UN", "Un", "Us", "Ns")
 }
 """Units at the end of a name such as depthUm; one that its capital leaves open is none that is known."""
 _NO_UNITS = {
@@ -70,8 +70,9 @@ _PLAIN = str.maketrans({"ł": "l", "Ł": "L", "ø": "o", "Ø": "O", "ı": "i", "
 _BRACKETED = re.compile(r"[\s_]*[\[({<]\s*([^\[\](){}<>]*?)\s*[\])}>]\s*")
 _SIGN = re.compile(r"[\[(][^\])]*(positive|negative)[^\])]*[\])]", re.IGNORECASE)
 """Remark in brackets on the sign of a column, which the numbers show."""
-_NEWTON = re.compile(r"([kmuµμn]?N)(mm|cm|m)")
-_PRODUCT = re.compile(r"(?<=[^\W\d_])[ ._-](?=[^\W\d_])")
+_NEWTON, _PRODUCT = re.compile(r"([kmuµμn]?N)(mm|cm|m)"), re.compile(r"(?<=[^\W\d_])[ ._-](?=[^\W\d_])")
+_PART = re.compile(r"(?:1/1(0+)|0\.(0+1)|1(?:0\^|e)-(\d))[ *·×]*(?=[^\W\d])(.+)")
+"""Unit behind a power of ten, 0.001 mm, 1/10 N or 10^-3 in; 10 N and 0.1 N may be the range of a cell."""
 _POWER = re.compile(r"(?<=[^\W\d_])\^?(\d)$")
 
 
@@ -115,7 +116,7 @@ def unit_in(name: str) -> tuple[str, str]:
         label, word = written.groups()
         word = word.title() if in_capitals else word
         is_open = in_capitals and word == "Nm" and not re.search("TORQUE|MOMENT|(^|_)[MT][XYZ]?$", label)
-        unit = "Nm?" if is_open else _OF_CAPITALS.get(word, _OTHER_CASE.get(word.lower(), ""))
+        unit = "NM?" if is_open else _OF_CAPITALS.get(word, _OTHER_CASE.get(word.lower(), ""))
         unit = unit if unit.endswith("?") or _fits(label, unit) else ""
         return (label, unit) if unit else (name, "")
     is_both = _RATIOS.get(name.strip().lower(), 1.0) < 1.0  # Microstrain
@@ -155,6 +156,10 @@ def factors_of(unit: str) -> MappingProxyType[Kind, float]:
 
     They are empty for an unknown unit, and of the kind ``other`` for a unit that no log has.
     """
+    if part := _PART.fullmatch(unit):
+        tenth = 10.0 ** -int(part[3] or len(part[1] or part[2]))
+        known = factors_of(part[4]).items()
+        return MappingProxyType({kind: float(f"{tenth * one:.15g}") for kind, one in known})
     plain = plain_letters(unit)
     spelt = _SPELT.get(unit) or _SPELT.get(plain.lower(), unit if plain.isupper() else plain)
     if len(spelt) > 1 and spelt.isupper():

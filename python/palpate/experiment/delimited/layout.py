@@ -27,7 +27,7 @@ NUMBERS = {
 _THOUSANDS = r"[+-]?[1-9]\d{0,2}([%s'\u00a0\u202f ]\d{3})+(\%s\d*)?"
 THOUSANDS = {".": _THOUSANDS % (",", "."), ",": _THOUSANDS % (".", ",")}
 """Patterns of a number with marks between its thousands, by its decimal mark."""
-NO_VALUE = r"(?i:[+-]?nan|na|n/a|null|none|-|--|)"
+NO_VALUE = r"(?i:[+-]?nan|na|n/a|null|none|-*)"
 """Pattern of a cell without a value."""
 _HEX = r"0[xX][0-9A-Fa-f]+"
 _DATE = (
@@ -77,9 +77,8 @@ class TextFormat(Settings):
 class Layout:
     """Layout of one table: its marks, the lines of its first row and of its names, and its columns.
 
-    ``delimiter`` is one character, or ``BLANKS``; ``header_line`` is 0 where the names are in a comment or
-    in the settings; ``kinds`` are ``number``, ``quantity``, ``date``, ``list``, ``hex`` or ``text``, by the
-    first rows. ``steps`` are the first time and the time between rows [s] that LabVIEW writes above names.
+    ``header_line`` is 0 where the names are in a comment or in the settings; ``kinds`` are as of a cell, by
+    the first rows. ``steps`` are the first time and the time between rows [s] that LabVIEW writes.
     """
 
     delimiter: str
@@ -217,20 +216,20 @@ def find_layout(source: str, lines: "pl.DataFrame", wanted: TextFormat) -> Layou
         skipped = max(heads, default=0)
     lines = every.filter(every["line"] > skipped).head(_SNIFFED_LINES)
     if lines.filter(lines["text"].str.len_bytes() > _LONGEST_LINE).height:
-        raise CurveError(
-            f"{source}: a line of more than {_LONGEST_LINE} characters; this is no table of numbers"
-        )
+        raise CurveError(f"{source}: a line of more than {_LONGEST_LINE} characters; no table of numbers")
     comment = _comment_of(lines["text"].to_list()) if wanted.comment is None else wanted.comment
     body = body_of(lines, comment)
     if body.is_empty():
         raise CurveError(
-            f"{source}: no names and no rows after line {skipped}; lower skip_lines, or export the file again"
+            f"{source}: no names and no rows after line {skipped}; lower skip_lines, or export again"
         )
     delimiter, decimal = _marks(source, body.tail(_SAMPLED_LINES), wanted)
     numbers, rows = body["line"].to_list(), _rows(body, delimiter)
     if wanted.decimal is None:
         _check_thousands(source, rows, decimal)
     kinds = [[kind_of_cell(cell, decimal) for cell in cells] for cells in rows]
+    if not any(map(_n_values, kinds)):  # 0.2 mm in every cell
+        kinds = [[kind.replace("quantity", "number") for kind in row] for row in kinds]
     if rows[1:] and not any(map(_n_values, kinds)):  # a message shows nothing of another file
         raise CurveError(f"{source}: no cell holds a number, so this is no table of numbers; check the path")
     start = _first_row(kinds)
@@ -250,6 +249,8 @@ def find_layout(source: str, lines: "pl.DataFrame", wanted: TextFormat) -> Layou
     if not names:
         above = lines.filter(lines["line"] < numbers[min(start, len(numbers) - 1)])["text"].to_list()
         names = _names_in_comment(above, comment, delimiter, width)
+    if not names and width > len(rows) and all(row[:1] == ["text"] for row in kinds):
+        raise CurveError(f"{source}: each line begins with its name; transpose the table")
     is_named, names = bool(names), names or [f"column {index}" for index in range(1, width + 1)]
     if below == len(rows) or not names:
         raise CurveError(f"{source}: a line of names and no data; export the file again")
@@ -307,12 +308,14 @@ def _preamble(source: str, lines: "pl.DataFrame", wanted: TextFormat) -> int:
 
 def _refuse_messages(source: str, lines: "pl.Series") -> None:
     """Refuse the text of messages, one key and value in each line."""
-    pairs = lines.str.contains(r"^\s*(- )?[A-Za-z_]\w*:(\s+\S.*)?$|^---$")
-    if lines.len() > _SAMPLED_ROWS and pairs.sum() > 0.9 * lines.len():
-        raise CurveError(
-            f"{source}: lines of 'key: value', as of rostopic echo, and no table; write one row for each "
-            "message with rostopic echo -p or ros2 topic echo --csv, or give the bag"
-        )
+    for pattern, lines_are, remedy in (
+        (r"^\s*(- )?[A-Za-z_]\w*:(\s+\S.*)?$|^---$", "lines of 'key: value', as of rostopic echo",
+         "write one row for each message with rostopic echo -p or ros2 topic echo --csv, or give the bag"),
+        (r"((^|\s)[A-Za-z_]\w*\s*[:=]\s*[-+]?\.?\d.*){2}", "a name before each number of a line",
+         "write the names once, in a line above the numbers"),
+    ):  # fmt: skip
+        if lines.len() > _SAMPLED_ROWS and lines.str.contains(pattern).sum() > 0.9 * lines.len():
+            raise CurveError(f"{source}: {lines_are}, and no table; {remedy}")
 
 
 def _check_thousands(source: str, rows: Sequence[Sequence[str]], decimal: Mark) -> None:
@@ -340,11 +343,8 @@ def _comment_of(lines: Sequence[str]) -> str:
     """Mark at the start of comments: as the first line has it where others do not."""
     first, second = [*filter(None, lines), "", ""][:2]
     # %time is a name of ROS; "% time", or a second such line, is a comment.
-    found = (
-        m
-        for m in ("#", "%", "//", "!")
-        if first.startswith((f"{m} ", f"{m}\t")) or first[: len(m)] == second[: len(m)] == m
-    )
+    marks = ("#", "%", "//", "!")
+    found = (m for m in marks if re.match(rf"{m}\s", first) or first[: len(m)] == second[: len(m)] == m)
     is_between = sum(";" in line for line in lines) >= len(lines) / 2
     return ";" if first.startswith(";") and not is_between else next(found, "#")
 
@@ -488,13 +488,13 @@ def _kinds(n_columns: int, rows: Sequence[Sequence[str]], decimal: str) -> tuple
     """Kind of each column, by the first rows."""
     found = []
     for index in range(n_columns):
-        kinds = [kind_of_cell(row[index], decimal) for row in rows if index < len(row) and row[index]]
-        whole = kinds[0] if len({*kinds}) == 1 and kinds[0] not in ("number", "text") else ""
         cells = [row[index] for row in rows if index < len(row)]
+        kinds = [kind_of_cell(cell, decimal) for cell in cells if cell]
+        whole = kinds[0] if len({*kinds}) == 1 and kinds[0] not in ("number", "text") else ""
         # 4E20 is no number where other cells of its length are 4E3F.
         is_bare = len({*map(len, cells)}) == 1 and all(re.fullmatch("[0-9A-F]{4,8}", cell) for cell in cells)
         whole = "hex" if is_bare and any(re.search(r"\d[A-DF]", cell) for cell in cells) else whole
-        n_marked = sum(bool(re.fullmatch(THOUSANDS[decimal], row[index])) for row in rows if index < len(row))
+        n_marked = sum(bool(re.fullmatch(THOUSANDS[decimal], cell)) for cell in cells)
         n_numbers = max(kinds.count("number"), n_marked) + kinds.count("none")
         found.append(whole or ("number" if 2 * n_numbers >= len(kinds) else "text"))
     return tuple(found)

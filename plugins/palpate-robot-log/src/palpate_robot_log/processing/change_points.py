@@ -138,10 +138,7 @@ def stroke_end(
     moving_s : float
         How long the whole stroke takes.
 
-    Raises
-    ------
-    TooFewRowsError
-        No window has more rows than there are unknowns.
+    A TooFewRowsError where no window has more rows than there are unknowns.
     """
     tried: list[ChangePoint] = []
     for share in (0.5, 0.35, 0.25, 0.15):  # windows of a stroke from which its end is read

@@ -61,10 +61,8 @@ def process_cycles(
 ) -> Cycles:
     """Process every cycle of a log; ``cycle`` chooses those that count.
 
-    Raises
-    ------
-    CurveError
-        A cycle that counts is no complete press, or is not there; or they are of several spots.
+    A CurveError where a cycle that counts is no complete press, or is not there; or they are of several
+    spots.
     """
     parts = parts_of(windowed(recording, settings))
     n = len(parts)

@@ -2,13 +2,14 @@
 
 from collections.abc import Iterator, Mapping, Sequence, Set
 from dataclasses import replace
+from itertools import pairwise
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
 from palpate.api import FORCE, Curve, ExperimentLoader, FloatArray
-from palpate.api.files import Column
+from palpate.api.files import Column, kind_of
 from palpate_indentation.api import CsvLoader, problem_of, units_of
 from palpate_robot_log.processing.contact import place_of_contact
 from palpate_robot_log.reading.names import (
@@ -56,7 +57,8 @@ def spans_of(curves: Mapping[str, Curve]) -> str:
 def curves_of(log: RawLog, *, has_place: bool = False) -> Proposal | None:
     """Settings for the curves of a press, or a homogeneous test, in a table; None where it has neither."""
     columns = [column for stream in log.streams for column in stream.columns.values()]
-    stated = {*words_of(log.preamble)}
+    words = words_of(log.preamble)
+    stated = {*words, *map("".join, pairwise(words))}
     found = _homogeneous(columns, stated) or _curves(columns, _test_in(stated))
     found = found or (None if has_place else _unnamed(columns))
     if found is None:
@@ -101,7 +103,10 @@ def _unnamed(columns: Sequence[Column]) -> Proposal | None:
     names = [column.name for column in columns]
     ask = f"{', '.join(names)}: which is the depth, and which the force? name them, with factors to mm and N"
     if (stress := pick(columns, "stress")) is not None:
-        ask = f"{stress.column.name}: a test needs strain or stretch next to stress; add its column"
+        known = {"ratio", None}
+        free = [c.name for c in columns if c != stress.column and kind_of(c.shown_unit) in known]
+        which = f"is it {' or '.join(free)}? name it" if free else "add its column"
+        ask = f"{stress.column.name}: a test needs strain or stretch next to stress; {which}"
     elif all(WORDS["time"] & {*words} or has_role(words, "travel") for words in map(words_of, names)):
         ask = f"{', '.join(names)}: a curve needs depth and force at each time; log both"
     fields = zip(("abscissa", "ordinate"), names[-2:], ("mm", "N"), strict=True)
@@ -161,6 +166,7 @@ def _curves(columns: Sequence[Column], stated: str) -> Proposal | None:
         if channel == FORCE.name:
             channels[channel], placed = _placed(along, of)
             remarks += placed
+            questions += _stepped(along.column)
             begin, end = abs(of.column.values[[0, -1]]) / max(np.nanmax(abs(of.column.values)), 1e-300)
             if end < _AT_REST and begin > 1.0 - _AT_REST:
                 questions.append(f"{of.column.name} falls from its largest value to 0: reverse the rows")
@@ -177,6 +183,8 @@ def _curves(columns: Sequence[Column], stated: str) -> Proposal | None:
         return Proposal(test="uniaxial", questions=(ask,))
     is_shear = stated == "shear" or names & WORDS["shear"]
     is_pulled = names & WORDS["tensile"] or (stated == "tensile_test" and not names & WORDS["depth"])
+    sizes = (c.values - c.values[0] for c in columns if "size" in words_of(c.name))
+    is_pulled = is_pulled or any(np.nanmax(size) > -np.nanmin(size) for size in sizes)
     if (is_shear or is_pulled) and FORCE.name in channels:
         return _specimen(columns, "simple_shear" if is_shear else "uniaxial")
     return Proposal(entries=_entries(channels), remarks=tuple(remarks), questions=tuple(questions))
@@ -270,6 +278,17 @@ def _loading(along: Column) -> tuple[dict[str, Any], list[str]]:
     return {"rows": "loading"}, [f"{along.name} has a way back: {kept}; {more}"]
 
 
+def _stepped(along: Column) -> Iterator[str]:
+    """Question for a motion that rests on its way, as in stepwise relaxation."""
+    away = np.abs(along.values[np.isfinite(along.values)] - along.values[0])
+    way = away[: int(np.argmax(away >= _FARTHEST * np.nanmax(away, initial=0.0)))]
+    n_apart = 1 + way.size // 100
+    rests = np.abs(way[n_apart:] - way[:-n_apart]) < _FLAT * np.max(way, initial=0.0)
+    n_rests = int((np.diff(rests.astype(int)) > 0).sum())
+    if n_rests > 2 and rests.mean() > 0.5:
+        yield f"{along.name} rests {n_rests} times on its way, as in stepwise relaxation: keep a row of each"
+
+
 def _approach(travel: FloatArray, force: FloatArray) -> float:
     """Travel in free air before first contact, at constant force; 0 where the curve begins at contact."""
     force, length = (force if force[-1] > force[0] else -force), float(travel.max())
@@ -279,7 +298,7 @@ def _approach(travel: FloatArray, force: FloatArray) -> float:
     if not found.at > max(_LEAST_APPROACH * _TRAVEL_MM, 3.0 * found.std):
         return 0.0
     free = travel < _FREE * found.at / _TRAVEL_MM * length
-    if free.sum() < _FEWEST_FREE:
+    if free.sum() < _FEWEST_FREE or not np.ptp(travel[free]):
         return 0.0
     # A force that grows from the first row on is one of a contact, whatever its law.
     slope, error = np.polyfit(travel[free], force[free], 1, cov=True)
@@ -295,6 +314,7 @@ def _approach(travel: FloatArray, force: FloatArray) -> float:
 def _open(along: Picked, stress: Picked, columns: Sequence[Column], *, is_stretch: bool) -> Iterator[str]:
     """Questions for units that a test does not show, and for a test that is not one of loading."""
     yield from filter(None, (stress.question("stress"), along.question("strain")))
+    yield from _stepped(along.column)
     spread = np.ptp(np.nanpercentile(stress.column.values, _MOST))
     if not spread > _AT_REST * np.nanmax(abs(stress.column.values)):
         yield f"{stress.column.name} hardly changes, as in creep or fatigue: give a test of loading"
@@ -329,6 +349,10 @@ def _homogeneous(columns: Sequence[Column], stated: Set[str]) -> Proposal | None
     rows, rests = _loading(along.column)
     questions = [*test.questions, *_open(along, stress, columns, is_stretch=is_stretch)]
     remarks += [f"check {along.column.name}: a nominal strain is assumed"] * bool(test.stress and is_nominal)
+    size, span = ((one.factor or 1.0) * float(np.ptp(one.column.values)) for one in (stress, along))
+    if stress.factor and not 1e-5 < size / max(span, 1e-300) < 50.0:
+        stiff = f"a stiffness of {size / span:.3g} MPa is of no soft tissue"
+        remarks.append(f"check the units of {stress.column.name} and {along.column.name}: {stiff}")
     measures: Any = (test.strain or "stretch", test.stress or "nominal")
     if problem := problem_of(test.mode, *measures):
         questions.append(f"{along.column.name}, {stress.column.name}: {problem}")

@@ -233,7 +233,7 @@ def _entries(group: Group, columns: Sequence[Column], form: str) -> list[dict[st
     largest = np.abs(complete_rows(columns)).max(initial=0.0)
     is_in_degrees = shown == "deg" or (not kind_of(shown) and largest > 2.0 * np.pi)
     axes = ["", "xyz", "XYZ", "ZYX"]  # none: a rotation vector
-    if "abc" in words:  # KUKA; Doosan and Stäubli
+    if {"abc", "posx"} & words:  # KUKA; Doosan and Stäubli
         axes = ["ZYX", "ZYZ", "XYZ"]
     elif {"euler", "rpy", "wpr"} & words or is_in_degrees:
         axes = [*axes[1:], ""]

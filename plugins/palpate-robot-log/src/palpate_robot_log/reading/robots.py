@@ -201,7 +201,11 @@ def with_unit(log: RawLog, quantity: str, guess: Guess, force_extent: float) -> 
         kind = ROLES[quantity].kind
         check = f"the unit of {quantity}: the file gives '{shown}', no unit of {kind}; write unit"
         return guess if factor_of(columns[0], kind) is not None else guess.with_check(check)
-    unit = _likely_unit(quantity, complete_rows(columns), force_extent)
+    values = complete_rows(columns)
+    if (size := extent(values)) > 5e4 and np.array_equal(values, np.round(values)):
+        counts = f"the {quantity}: whole numbers over {size:.3g} without a unit, as of counts"
+        return guess.with_check(f"{counts}; calibrate the columns, and write unit")
+    unit = _likely_unit(quantity, values, force_extent)
     check = f"the unit of {quantity}: {unit} is judged from the size of the numbers alone"
     return guess.with_check(check, unit=unit)
 
