@@ -18,10 +18,10 @@ ROOT = Path(__file__).parents[2]
 LONGEST_FILE = 500
 LONGEST_FUNCTION = 45
 MOST = {
-    "lines": 76_814,
+    "lines": 76_812,
     "lines of the core": 33_224,
     "classes": 654,
-    "constants": 730,
+    "constants": 729,
     "long files": 0,
     "long functions": 6,
     "docstrings without a noun first": 0,

@@ -1,30 +1,74 @@
 """Spots whose tissues differ manifold: the mean and the spread are of each spot's own value."""
 
+from functools import partial
 from types import SimpleNamespace
 
 import numpy as np
 import polars as pl
 import pytest
-from scipy.stats import t as student
+from scipy.stats import norm, t as student
 
-from palpate.api.fit import ALL_SPOTS
+from palpate.api import Parameter
+from palpate.api.fit import ALL_SPOTS, Box
 from palpate_certainty.assessment import Assessment
-from palpate_certainty.between_spots import coordinates_of, differences
+from palpate_certainty.between_spots import by_spot, differences
 from palpate_certainty.held_out import held_out
-from palpate_certainty.tables import certainty_tables
+from palpate_certainty.laplace import laplace, scores_of
+from palpate_certainty.tables import certainty_tables, density_of
 from palpate_materials import Ogden
+from palpate_planning.plan import Expected
+from palpate_planning.propose import PlanningStage
 
 OWN = (0.035, 0.07, 0.19)
 
 
+@pytest.fixture
+def assessed_with(pressed, stage_of):
+    """Assess presses on spots with values of their own."""
+
+    def made(values):
+        spots = tuple(f"p{i + 1}" for i in range(len(values)))
+        study = pressed.study_of(Ogden(), ("c1",), spots=spots)
+        of_each = zip(spots, values, range(1, len(values) + 1), strict=True)
+        measured = {s: pressed.measured_at(study, np.array([c1]), 0.004, seed) for s, c1, seed in of_each}
+        stage = Assessment(study=study, measured=measured)
+        return study, stage, stage.assessed(stage_of(study, measured).run())
+
+    return made
+
+
 @pytest.mark.slow
-def test_the_mean_and_the_spread_are_those_of_the_own_values(pressed, stage_of):
-    spots = ("p1", "p2", "p3")
-    study = pressed.study_of(Ogden(), ("c1",), spots=spots)
+def test_budget_combinations_and_plans_have_the_intervals_of_the_mean(assessed_with):
+    study, stage, assessed = assessed_with((0.066, 0.071, 0.078))
+    joint, tables = assessed[0], certainty_tables(assessed, study)
+    assert joint.errors.between is not None
+    (mean,) = tables["intervals"].filter(fit=ALL_SPOTS).to_dicts()
+    length, normal = mean["upper"] - mean["lower"], 2.0 * norm.ppf(0.975)
+    budget = tables["budget"].filter(fit=ALL_SPOTS)
+    assert normal * np.sqrt((budget["sd"] ** 2).sum()) == pytest.approx(length, rel=0.1)
+    assert budget["share"].sum() == pytest.approx(1.0)
+    assert budget["cause"][0] == "spots"
+    (combination,) = tables["parameter_combinations"].filter(fit=ALL_SPOTS).to_dicts()
+    assert combination["relative_width"] == pytest.approx(length / mean["value"], rel=0.1)
+    assert combination["identifiability"] == mean["identifiability"]
+    planning = PlanningStage(
+        study=study, measured=stage.measured, assessed=joint, columns=stage.columns(joint.case)[0], meshes={}
+    )
+    design = planning.design()
+    now = Expected(
+        fit=design.laplace,
+        within=partial(density_of, problem=design.problem, around=design.between.point),
+        shared=design.shared,
+        before=np.eye(1),
+    ).after(np.eye(1))
+    width = study.space.parameters[0].upper - study.space.parameters[0].lower
+    assert np.diff(now.interval(joint.point), axis=0)[0, 0] * width == pytest.approx(length, rel=1e-6)
+
+
+@pytest.mark.slow
+def test_the_mean_and_the_spread_are_those_of_the_own_values(assessed_with):
+    study, _, assessed = assessed_with(OWN)
     (parameter,) = study.space.parameters
-    of_each = zip(spots, OWN, (1, 2, 3), strict=True)
-    measured = {s: pressed.measured_at(study, np.array([c1]), 0.004, seed) for s, c1, seed in of_each}
-    assessed = Assessment(study=study, measured=measured).assessed(stage_of(study, measured).run())
     joint, tables = assessed[0], certainty_tables(assessed, study)
     own = tables["intervals"].filter(pl.col("fit") != ALL_SPOTS)
     assert own["value"].to_list() == pytest.approx(list(OWN), rel=0.05)
@@ -46,38 +90,54 @@ def test_the_mean_and_the_spread_are_those_of_the_own_values(pressed, stage_of):
     assert held_out(joint)["inside"].all()
 
 
+def found_by(residuals, jacobian, causes, rows, points, box, joint):
+    """Differences between spots, whose curves are linear around points."""
+    slopes = by_spot(jacobian, rows)
+    scores = scores_of(slopes, rows.curve)
+    own = laplace(np.zeros(slopes.shape[1]), residuals, slopes, causes, scores)
+    known = rows.channel < 0
+    size = causes["priors"][known] if known.any() else np.empty((0, 0))
+    prior = residuals[known], jacobian[known], size @ size.T, joint
+    return differences(own, jacobian, rows, points, box, prior)
+
+
+def box_of(log):
+    """Range of a modulus from 1 to the exponential of ``log``, or one of a number that is no logarithm."""
+    ends = (1.0, float(np.exp(log))) if log else (0.0, 1.0)
+    kind = "modulus" if log else "shape"
+    return Box([Parameter(name="c1", unit="MPa", lower=ends[0], upper=ends[1], kind=kind, description="")])
+
+
 @pytest.mark.parametrize("sd", [0.1, 0.7])
 def test_spots_that_differ_manifold_with_errors_in_proportion(sd):
     """Curves in proportion to a modulus of 1 to 100, with an error of all, of each, and of each point."""
     n_spots, n, log, width = 6, 10, np.log(100.0), 99.0
-    spot = np.repeat(np.arange(n_spots), n)
+    spot, box = np.repeat(np.arange(n_spots), n), box_of(log)
     rows = SimpleNamespace(spot=spot, channel=np.zeros(spot.size, dtype=int), curve=spot)
-    shape, logs, rng = np.tile(np.linspace(0.1, 1.0, n), n_spots), np.array([log]), np.random.default_rng(3)
+    shape, rng = np.tile(np.linspace(0.1, 1.0, n), n_spots), np.random.default_rng(3)
     held, spread = [], []
     for _ in range(60):
         true = 10.0 * np.exp(sd * rng.normal(size=n_spots))
         seen = true * (1.0 + 0.1 * rng.normal() + 0.05 * rng.normal(size=n_spots))
         curves = shape * (seen[spot] + 0.02 * true[spot] * rng.normal(size=spot.size))
         # As Fopt weighs them: each over its own largest ordinate.
-        scale = 1.0 / true[spot]
-        jacobian = (width * shape * scale)[:, None]
-        joint = float(jacobian[:, 0] @ (curves * scale) / (jacobian[:, 0] ** 2).sum())
-        fitted = jacobian[:, 0] * joint
+        jacobian = (width * shape / true[spot])[:, None]
+        fitted = shape * seen[spot] / true[spot]
         causes = {
             "gain": 0.1 * fitted[:, None],
             "place": 0.05 * fitted[:, None] * (spot[:, None] == np.arange(n_spots)),
             "noise": np.diag(0.02 * shape),
         }
-        point = np.array([joint - 1.0 / width])
-        residuals = fitted - curves * scale
-        found = differences(residuals, jacobian, causes, rows, point, logs, by_size=("noise",))
-        most = student.ppf(0.975, n_spots - 1)
-        away = found.mean[0] - np.log(10.0) / log
-        held.append(abs(away) < most * np.sqrt(found.covariance[0, 0]))
+        points = ((seen - 1.0) / width)[:, None]
+        residuals = fitted - curves / true[spot]
+        found = found_by(residuals, jacobian, causes, rows, points, box, np.zeros(1))
+        mean, sd_of_mean = box.coordinates(1.0 + width * found.point), found.mean.covariance[0, 0] ** 0.5
+        most = student.ppf(0.975, n_spots - 1) * sd_of_mean / found.rates[0]
+        held.append(abs(mean[0] - np.log(10.0) / log) < most)
         low, high = found.ends[0] * log
         spread.append(low <= sd <= high)
-        own = coordinates_of(point + found.own[:, 0], logs)
-        np.testing.assert_allclose(np.exp(log * own), seen, rtol=0.08)
+        assert np.sum(list(found.mean.parts.values()), axis=0) == pytest.approx(found.mean.covariance)
+        np.testing.assert_allclose(1.0 + width * (points + found.own)[:, 0], seen, rtol=0.08)
     assert np.mean(held) >= 0.9
     assert np.mean(spread) >= 0.9
 
@@ -90,23 +150,24 @@ def test_a_prior_holds_the_mean_and_spots_without_a_parameter_tell_nothing_of_it
     rows = SimpleNamespace(spot=spot, channel=np.where(spot < 0, -1, 0), curve=spot)
     slopes = np.where((spot >= 0) & (spot < 3), np.tile(np.linspace(0.1, 1.0, n), 6)[: spot.size], 0.0)
     slopes[spot < 0] = 1.0
-    joint = 0.4
+    joint = np.array([0.4])
     residuals = slopes * (joint - np.append(own, [0.0, 0.0, 0.2])[spot])
     causes = {
         "noise": np.diag(np.where(spot < 0, 0.0, 0.01)),
         "priors": np.diag(np.where(spot < 0, 1e-4, 0.0)),
     }
-    made = differences(residuals, slopes[:, None], causes, rows, np.array([joint]), np.array([log]))
-    value = np.expm1(log * made.mean[0]) / np.expm1(log) if log else made.mean[0]
+    of_all, box = np.tile(joint, (5, 1)), box_of(log)
+    made = found_by(residuals, slopes[:, None], causes, rows, of_all, box, joint)
     middle = np.expm1(np.log1p(np.expm1(log) * own).mean()) / np.expm1(log) if log else 0.4
-    assert value == pytest.approx(0.2 if has_prior else middle, abs=1e-3)
+    assert made.point[0] == pytest.approx(0.2 if has_prior else middle, abs=1e-3)
+    if has_prior:
+        assert made.mean.sd[0] == pytest.approx(1e-4, rel=0.01)
+        assert made.mean.shares["priors"][0] == pytest.approx(1.0, abs=0.01)
     assert made.seen.sum() == 3
     assert made.freedom == 2.0
     of_three = spot < 3
     alone = SimpleNamespace(spot=spot[of_three], channel=rows.channel[of_three], curve=spot[of_three])
     if not has_prior:
         few = {"noise": causes["noise"][np.ix_(of_three, of_three)]}
-        same = differences(
-            residuals[of_three], slopes[of_three, None], few, alone, np.array([joint]), np.array([log])
-        )
+        same = found_by(residuals[of_three], slopes[of_three, None], few, alone, of_all[:3], box, joint)
         np.testing.assert_allclose(made.ends, same.ends, rtol=1e-6)

@@ -4,10 +4,12 @@ import numpy as np
 import pytest
 from hypothesis import given, strategies as st
 from scipy.linalg import null_space
-from scipy.stats import binom, chi2, t as student
+from scipy.stats import binom, chi2, norm, t as student
 
+from palpate.api import Parameter
+from palpate.api.fit import Box
 from palpate_certainty.assumptions import ASSUMED
-from palpate_certainty.between_spots import SPOTS, UNUSUAL, differences, probability_of_alike, same_spot
+from palpate_certainty.between_spots import SPOTS, UNUSUAL, by_spot, differences, probability_of_alike
 from palpate_certainty.laplace import Laplace, laplace, scores_of
 from palpate_certainty.noise_model import (
     error_scale,
@@ -228,10 +230,11 @@ def test_intervals_of_an_uncertain_scale_are_students(freedom):
 
 
 @given(st.floats(2.5, 30.0))
-def test_a_standard_deviation_is_the_draws(freedom):
+def test_a_standard_deviation_has_the_interval_of_the_draws(freedom):
     parts = {"noise": np.array([[4e-6]]), "mesh": np.array([[6e-6]])}
     found = Laplace(centre=np.array([0.5]), covariance=np.array([[1e-5]]), parts=parts, freedom=freedom)
-    assert found.sd[0] == pytest.approx(np.sqrt(1e-5) * student.std(freedom))
+    upper = student.ppf(0.975, freedom, scale=np.sqrt(1e-5))
+    assert found.sd[0] * norm.ppf(0.975) == pytest.approx(upper)
 
 
 @pytest.mark.slow
@@ -279,17 +282,20 @@ def test_the_mean_and_the_spread_of_spots_that_differ_are_in_their_intervals(n_s
     """Worlds with known errors, in which parameters differ by 10 % of their ranges."""
     rows, jacobian = press(n_spots=n_spots, n=12)
     rng, sd, covariance = np.random.default_rng(7), 0.1, errors_of(rows, 0.003, 0.005)
-    scores, errors = scores_of(jacobian, rows.curve), {"errors": np.linalg.cholesky(covariance)}
+    slopes, errors = by_spot(jacobian, rows), {"errors": np.linalg.cholesky(covariance)}
+    ranges = [Parameter(name=n, unit="1", lower=-9.0, upper=9.0, kind="shape", description="") for n in "abc"]
+    box, width = Box(ranges), 18.0
+    scores, none = scores_of(slopes, rows.curve), np.empty((0, 3))
     held, spread = [], []
     for _ in range(worlds):
         own = sd * rng.normal(size=(n_spots, 3))
         residuals = drawn(rng, covariance) + (jacobian * own[rows.spot]).sum(axis=1)
-        found = differences(residuals, jacobian, errors, rows, np.zeros(3), np.zeros(3))
-        causes = {**errors, SPOTS: found.columns(jacobian, rows)}
-        mean = laplace(np.zeros(3), residuals, jacobian, causes, scores, together=same_spot(scores, rows))
-        most = student.ppf(0.975, found.freedom_with(mean.shares[SPOTS], 1e9))
-        held += (np.abs(found.mean) < most * np.sqrt(np.diag(found.covariance))).tolist()
-        spread += ((found.ends[:, 0] <= sd) & (sd <= found.ends[:, 1])).tolist()
+        own = laplace(np.zeros(3 * n_spots), residuals, width * slopes, errors, scores)
+        prior = none[:, 0], none, np.empty((0, 0)), np.full(3, 0.5)
+        found = differences(own, jacobian, rows, np.full((n_spots, 3), 0.5), box, prior)
+        most = student.ppf(0.975, found.freedom_with(found.mean.shares[SPOTS], 1e9))
+        held += (np.abs(found.point - 0.5) < most * np.sqrt(np.diag(found.mean.covariance))).tolist()
+        spread += ((found.ends[:, 0] <= sd / width) & (sd / width <= found.ends[:, 1])).tolist()
         assert ((found.ends[:, 0] <= found.sd) & (found.sd <= found.ends[:, 1])).all()
     assert 0.88 < np.mean(held) <= 1.0
     assert 0.88 < np.mean(spread) <= 1.0

@@ -11,7 +11,8 @@ from palpate.domain import Response
 from palpate_certainty import held_out as module
 from palpate_certainty.assessment import Assessment
 from palpate_certainty.held_out import BAND, held_out, is_apart, sentence
-from palpate_certainty.linear_problem import PRIORS, LinearProblem, ResidualErrors
+from palpate_certainty.laplace import PRIORS
+from palpate_certainty.linear_problem import LinearProblem, ResidualErrors
 from palpate_certainty.noise_model import ErrorScale, NoiseModel, ResidualLayout, grouped, groups_of
 from palpate_materials.uncoupled import Ogden
 

@@ -33,16 +33,15 @@ class Box:
         return np.where(point >= 1.0, self.upper, np.clip(values, self.lower, self.upper))
 
     def point(self, values: FloatArray) -> FloatArray:
-        """Point of the box where values (n_parameters,) are, or points (n, n_parameters) of several.
+        """Point of the box of values (n_parameters,) or (n, n_parameters); on its edge if outside."""
+        return np.clip(self.coordinates(np.clip(values, self.lower, self.upper)), 0.0, 1.0)
 
-        On the edge of the box where the values are outside.
-        """
-        inside = np.clip(values, self.lower, self.upper)
-        share = (inside - self.lower) / (self.upper - self.lower)
-        lower, upper, at = (np.where(self.log, x, 2.0) for x in (self.lower, self.upper, inside))
+    def coordinates(self, values: FloatArray) -> FloatArray:
+        """Coordinates of values, which may be outside of the box."""
+        share = (values - self.lower) / (self.upper - self.lower)
+        lower, upper, at = (np.where(self.log, x, 2.0) for x in (self.lower, self.upper, values))
         with np.errstate(divide="ignore", invalid="ignore"):
-            point = np.where(self.log, np.log(at / lower) / np.log(upper / lower), share)
-        return np.clip(point, 0.0, 1.0)
+            return np.where(self.log, np.log(at / lower) / np.log(upper / lower), share)
 
     def exact_point(self, values: FloatArray) -> FloatArray:
         """Point (n_parameters,) of values within their ranges, which it has to the last bit if any near does.
@@ -61,8 +60,9 @@ class Box:
 
     def rates(self, point: FloatArray) -> FloatArray:
         """Derivative (n_parameters,) of each value in its coordinate, or (n, n_parameters) at points."""
+        return self.rates_at(self.values(point))
+
+    def rates_at(self, values: FloatArray) -> FloatArray:
+        """Derivatives of values, which may be outside of the box, in their coordinates."""
         lower, upper = np.where(self.log, self.lower, 1.0), np.where(self.log, self.upper, np.e)
-        rates: FloatArray = np.where(
-            self.log, self.values(point) * np.log(upper / lower), self.upper - self.lower
-        )
-        return rates
+        return np.where(self.log, values * np.log(upper / lower), self.upper - self.lower)

@@ -10,7 +10,6 @@ import scipy
 from palpate.api import FloatArray
 from palpate.api.fit import Adequacy, SpotTerm, channel_of, pieces
 from palpate_certainty.assumptions import ASSUMED
-from palpate_certainty.between_spots import SPOTS
 from palpate_certainty.linear_problem import LinearProblem, ResidualErrors
 
 ALLOWED = 4.0
@@ -104,7 +103,7 @@ def misfits(points: LinearProblem, linear: LinearProblem, errors: ResidualErrors
     errors : ResidualErrors
     """
     residuals, rows, groups, free = points.residuals, points.rows, linear.groups, linear.free
-    known = _known(linear, errors)
+    known = linear.stated
     covariance = known @ known.T + linear.rest(errors.noise)
     averaged = groups @ residuals
     within = free.T @ covariance @ free
@@ -140,7 +139,7 @@ def shape_of(linear: LinearProblem, errors: ResidualErrors) -> tuple[float, dict
     as another law has it, and larger stated errors (Lin, Biometrika 84, 1997). It is a sum of squares with
     weights, taken for χ² of its mean and variance (Satterthwaite).
     """
-    rows, free, known = linear.rows, linear.free, _known(linear, errors)
+    rows, free, known = linear.rows, linear.free, linear.stated
     if not free.size:
         return 1.0, {}
     noise, _ = errors.noise.covariances(rows)
@@ -173,12 +172,6 @@ def shape_of(linear: LinearProblem, errors: ResidualErrors) -> tuple[float, dict
         more = np.exp(scipy.optimize.brentq(unseen, -20.0, 30.0) / 2.0)
         visible = {channel: float(more * size[channel]) for channel in rows.channels}
     return float(distribution(0.0).sf(white @ tested @ white)), visible
-
-
-def _known(linear: LinearProblem, errors: ResidualErrors) -> FloatArray:
-    """Columns (n, m) of the stated errors, and of the differences between spots where they differ."""
-    own = [] if errors.between is None else [linear.sized(errors)[SPOTS]]
-    return np.concatenate([linear.stated, *own], axis=1)
 
 
 def closeness_of(

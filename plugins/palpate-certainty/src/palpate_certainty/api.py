@@ -7,6 +7,7 @@ from palpate.api import deferred
 if TYPE_CHECKING:
     from palpate_certainty.anatomy import OF_LIMB as OF_LIMB
     from palpate_certainty.assumptions import ASSUMED as ASSUMED
+    from palpate_certainty.between_spots import SPOTS as SPOTS, SpotDifferences as SpotDifferences
     from palpate_certainty.emulator import GaussianProcess as GaussianProcess
     from palpate_certainty.error_sources import (
         MESH as MESH,
@@ -24,7 +25,7 @@ if TYPE_CHECKING:
         Density as Density,
         Laplace as Laplace,
     )
-    from palpate_certainty.linear_problem import LinearProblem as LinearProblem
+    from palpate_certainty.linear_problem import LinearProblem as LinearProblem, linearised as linearised
     from palpate_certainty.mesh_error import SpotMesh as SpotMesh, usual_error as usual_error
     from palpate_certainty.noise_model import (
         ResidualLayout as ResidualLayout,

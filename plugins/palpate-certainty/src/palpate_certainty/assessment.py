@@ -15,13 +15,14 @@ from palpate.api import (
     FloatArray,
     Limb,
     PalpateError,
+    ParameterName,
     Progress,
     Response,
     ScoringError,
     Simulation,
 )
 from palpate.api.executors import StoppedError
-from palpate.api.fit import Adequacy, Case, Fit, channel_of
+from palpate.api.fit import Adequacy, Case, Fit, Trial, channel_of
 from palpate.api.runs import Study, relaxation_of
 from palpate_certainty.adequacy import Check, checks, closeness_of, is_beyond, misfits, shape_of
 from palpate_certainty.assumptions import ASSUMED
@@ -34,12 +35,13 @@ from palpate_certainty.error_sources import (
     error_sources_of,
     mesh_errors,
 )
+from palpate_certainty.laplace import PRIORS
 from palpate_certainty.likeliest import likeliest
-from palpate_certainty.linear_problem import PRIORS, LinearProblem, errors_of, linearised
+from palpate_certainty.linear_problem import LinearProblem, errors_of, linearised
 from palpate_certainty.mesh_error import SpotMesh, is_stated
 from palpate_certainty.noise_model import ResidualLayout, layout_of
 from palpate_certainty.profiles import planes_of_fits
-from palpate_certainty.tables import Assessed, certainty_tables, density_of, logs_of, most_likely, of_mean
+from palpate_certainty.tables import Assessed, certainty_tables, most_likely
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -80,11 +82,11 @@ class Assessment:
         with self.noting("intervals"):
             self._check_score(by)
             columns, failures = self.columns(by)
-            found.append(self.assess(by, columns, failures))
+            found.append(self.assess(by, columns, failures, cases=ended))
         for case in ended if found and not joint_only else ():
             if case is not by:
                 with self.noting(f"intervals for {case.label}, scenario {case.scenario.name}"):
-                    found.append(self.assess(case, columns, failures, found[0]))
+                    found.append(self.assess(case, columns, failures, found[0], ended))
         return sorted(found, key=lambda each: ended.index(each.case))
 
     def profile_planes(
@@ -123,17 +125,20 @@ class Assessment:
         columns: Columns,
         failures: Mapping[ErrorSource, str] = MappingProxyType({}),
         first: Assessed | None = None,
+        cases: Sequence[Case] = (),
     ) -> Assessed:
         """Assess a case, with curves that are linear around the end of its fit, or around likelier values.
 
         Without a mesh, simulations cost little, and the most likely values are found on simulated curves;
         where Fopt weighs the curves, the fit has ended there. With a mesh, curves of a tissue that relaxes,
         which go with products of moduli and shares, are linear once more around the most likely values.
+        Where spots differ, curves of each are linear around the end of its own fit, one of ``cases``.
         """
         assert case.end is not None
         points = self._points(case.end, columns, first, None)
+        points = replace(points, own=self._own(case, cases, points))
         found = self._weighed(case, points, failures, first)
-        if found.linear.is_like_fopt:
+        if found.linear.is_like_fopt or found.errors.between is not None:
             return found
         if not self.study.solver.provides.mesh:
             likely = likeliest(found)
@@ -165,21 +170,18 @@ class Assessment:
         assert end.best is not None
         linear = points.averaged()
         errors = errors_of(linear, first.errors if first else None)
-        there = points
+        there, averaged = points, linear
         if errors.between is not None:  # each spot is at values of its own
-            changes = errors.between.changes(points.jacobian, points.rows)
-            there = replace(points, residuals=points.residuals + changes)
-        missed = again.misfits if again else misfits(there, linear, errors)
-        shape = again.shape if again else shape_of(linear, errors)
+            there, averaged = points.by_spot, linear.by_spot
+            changes = errors.between.changes(there.jacobian, there.rows)
+            there = replace(there, residuals=there.residuals + changes)
+        missed = again.misfits if again else misfits(there, averaged, errors)
+        shape = again.shape if again else shape_of(averaged, errors)
         if shape[0] < ASSUMED.unusual or any(is_beyond(m, linear.expected[i]) for i, m in missed.items()):
             linear, errors = linear.like_fopt(errors)
-        of_all, in_range = linear.weighed(errors, is_likeliest=is_likeliest)
-        if errors.between is not None:
-            density, point = of_mean(of_all, errors.between, end.problem)
-        else:
-            density = density_of(of_all, end.problem)
-            # Where the curves count as in Fopt, the least of it is what was searched.
-            point = points.point if linear.is_like_fopt else most_likely(of_all, density, end.problem)
+        of_all = linear.density(errors, is_likeliest=is_likeliest)
+        density, point = most_likely(of_all, linear, errors, end.problem)
+        if errors.between is None:
             there = replace(points, residuals=points.residuals + points.jacobian @ (point - points.point))
         close = closeness_of(there.residuals, end.problem.terms, points.channels)
         made = checks(missed, linear.expected, close, shape, errors.alike, of_all.in_ranges)
@@ -190,7 +192,6 @@ class Assessment:
             errors=errors,
             point=point,
             laplace=of_all,
-            in_range=in_range,
             density=density,
             misfits=missed,
             shape=shape,
@@ -204,7 +205,11 @@ class Assessment:
         self, end: Fit, columns: Columns, first: Assessed | None, around: Assessed | None
     ) -> LinearProblem:
         """Problem of every measured point, with a named column for one standard deviation of each cause."""
-        residuals, jacobian, point = linearised(end, around.point if around else None)
+        box, found = end.problem.box, end.at_end()
+        if around is not None:
+            (there,) = end.problem.evaluate([Trial(point=box.point(around.values), slopes=True)])
+            found = found if there.jacobian is None else there
+        residuals, jacobian, point = linearised(box, found)
         rows, channels = layout_of(end.problem.terms, residuals.size, first.linear.channels if first else ())
         return LinearProblem(
             point=point,
@@ -213,9 +218,37 @@ class Assessment:
             rows=rows,
             known=self._known(end, residuals, rows, columns),
             channels=channels,
-            logs=logs_of(end.problem.box),
+            box=box,
             expected={i: self.study.budget.discrepancy_of(name) for i, name in enumerate(channels)},
         )
+
+    def _own(self, case: Case, cases: Sequence[Case], points: LinearProblem) -> LinearProblem | None:
+        """Problem where each spot's curves are linear around its own fit; None if a spot has none."""
+        assert case.end is not None
+        whole, states = case.end.problem, self.study.space.states
+        ends = {c.label: c.values() for c in cases if c.scenario is case.scenario and c is not case}
+        if len(case.spots) < 2 or states or not ends.keys() >= set(case.spots):
+            return None
+        residuals, jacobian = points.residuals.copy(), points.jacobian.copy()
+        point, weight = np.tile(points.point, (len(case.spots), 1)), len(case.spots) ** -0.5
+        for number, term in enumerate(whole.terms):
+            alone, rows = whole.restated([term]), np.flatnonzero(points.rows.spot == number)
+            at = alone.point_of(ends[term.spot], exact=True)
+            (found,) = alone.evaluate([Trial(point=at, slopes=True)])
+            if found.jacobian is None:
+                return None
+            here = np.flatnonzero([ParameterName.parse(n).counts_at(term.spot) for n in whole.names])
+            own, slopes, point[number, here] = linearised(alone.box, found)
+            residuals[rows] = weight * own[: rows.size]
+            jacobian[np.ix_(rows, here)] = weight * slopes[: rows.size]
+        # Errors are in proportion to the curves.
+        squares = [
+            np.bincount(points.rows.curve, (of - whole.residuals_of_nothing()) ** 2)[points.rows.curve]
+            for of in (points.residuals, residuals)
+        ]
+        times = np.where(points.rows.channel < 0, 1.0, np.sqrt(squares[1] / squares[0]))
+        known = {name: times[:, None] * part for name, part in points.known.items()}
+        return replace(points, point=point, residuals=residuals, jacobian=jacobian, known=known)
 
     def _mesh_errors(self, end: Fit, points: LinearProblem) -> Iterator[dict[str, Any]]:
         if MESH in points.known:

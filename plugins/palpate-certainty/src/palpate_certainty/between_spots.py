@@ -3,18 +3,18 @@
 Each spot has parameters of its own, spread around their mean: moduli in logarithms, since two spots may
 differ manifold, and errors of curves grow with moduli. Their standard deviations are those that make the
 spots' own values most likely (restricted likelihood), and their intervals come from the Q-profile
-(Viechtbauer, Statistics in Medicine 26, 2007). In the residuals the differences are one more error source.
+(Viechtbauer, Statistics in Medicine 26, 2007).
 """
 
-from collections.abc import Collection, Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
 import scipy
 
 from palpate.api import BoolArray, FloatArray, IntArray
-from palpate.api.fit import LEVEL
-from palpate_certainty.laplace import laplace, scores_of
+from palpate.api.fit import LEVEL, Box
+from palpate_certainty.laplace import PRIORS, Laplace
 from palpate_certainty.noise_model import ResidualLayout
 
 SPOTS = "spots"
@@ -29,7 +29,7 @@ LEAST_SD, MOST_SD = 1e-5, 3.0
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class SpotDifferences:
-    """Mean and standard deviations of parameters between spots, in coordinates of the box.
+    """Mean and standard deviations of parameters between spots; the latter in coordinates of the box.
 
     Parameters
     ----------
@@ -37,46 +37,49 @@ class SpotDifferences:
         Numbers of the parameters that at least two spots have in common.
     seen : (n_spots, n) array
         Whether the curves of a spot depend on a parameter.
-    own : (n_spots, n) array
-        Value of each spot by its own curves, minus the value of the joint fit, in ranges.
-    rates : (n,) array
-        Derivative of the joint value, as a share of its range, in the coordinate.
+    own : (n_spots, n_parameters) array
+        Most likely value of each spot by its own curves, minus the value where these are linear, in ranges.
     sd : (n,) array
     ends : (n, 2) array
         95 % intervals of ``sd``.
-    mean : (n,) array
-        Of the spots' own values.
-    covariance : (n, n) array
-        Of the mean.
+    point, rates : (n_parameters,) array
+        Most likely means, as shares of the ranges, and their derivatives in coordinates of the box.
+    mean : Laplace
+        Density of these, and of the parameters that no two spots share, linear around the most likely.
     """
 
     shared: IntArray
     seen: BoolArray
     own: FloatArray
-    rates: FloatArray
     sd: FloatArray
     ends: FloatArray
-    mean: FloatArray
-    covariance: FloatArray
+    point: FloatArray
+    rates: FloatArray
+    mean: Laplace
+
+    @property
+    def sizes(self) -> FloatArray:
+        """Standard deviations (n_parameters,) of a spot's values around the means, in ranges."""
+        sizes = np.zeros(self.point.size)
+        sizes[self.shared] = self.rates[self.shared] * self.sd
+        return sizes
+
+    def rates_to(self, values: FloatArray, box: Box) -> FloatArray:
+        """Rates (n_parameters,) on the way to values, as shares of ranges, over the rates at the means."""
+        width = box.upper - box.lower
+        there, here = (box.coordinates(box.lower + width * each) for each in (values, self.point))
+        is_apart, along = np.abs(there - here) > 1e-6, self.rates * (there - here)
+        return np.divide(values - self.point, along, out=np.ones_like(along), where=is_apart)
 
     @property
     def freedom(self) -> float:
         """Degrees of freedom of the variances, the least of them."""
         return float(self.seen.sum(axis=0).min()) - 1.0
 
-    def columns(self, jacobian: FloatArray, rows: ResidualLayout) -> FloatArray:
-        """Change of the residuals (n, m) by one standard deviation of each parameter at each spot."""
-        return np.concatenate(
-            [jacobian[:, self.shared] * (self.rates * self.sd) * inside[:, None] for inside in _spots(rows)],
-            axis=1,
-        )
-
     def changes(self, jacobian: FloatArray, rows: ResidualLayout) -> FloatArray:
-        """Change of the residuals (n,) from the joint fit to the own values of each spot."""
+        """Change of the residuals (n,) to the own values of each spot."""
         each = zip(self.own, _spots(rows), strict=True)
-        changes: FloatArray = sum(
-            (inside * (jacobian[:, self.shared] @ own) for own, inside in each), np.zeros(rows.spot.size)
-        )
+        changes: FloatArray = sum((i * (jacobian @ own) for own, i in each), np.zeros(rows.spot.size))
         return changes
 
     def freedom_with(self, share: FloatArray, others: float) -> float:
@@ -106,97 +109,83 @@ def _spots(rows: ResidualLayout) -> list[BoolArray]:
     return [rows.spot == spot for spot in np.unique(rows.spot[rows.channel >= 0])]
 
 
-def same_spot(scores: FloatArray, rows: ResidualLayout) -> FloatArray:
-    """1 for pairs of scores (n, k) of one spot, else 0.
-
-    Where spots differ, each is weighed by its own errors: else slightly unequal effects of a common error
-    would be told from the differences, and the mean would leave the values that it is of.
-    """
-    spot = rows.spot[np.argmax(np.abs(scores), axis=0)]
-    together: FloatArray = (spot[:, None] == spot).astype(np.float64)
-    return together
-
-
 def differences(
-    residuals: FloatArray,
+    found: Laplace,
     jacobian: FloatArray,
-    causes: Mapping[str, FloatArray],
     rows: ResidualLayout,
-    point: FloatArray,
-    logs: FloatArray,
-    *,
-    by_size: Collection[str] = (),
+    points: FloatArray,
+    box: Box,
+    prior: Sequence[FloatArray],
 ) -> SpotDifferences:
     """Estimate the differences between spots; at least two spots share a parameter.
 
     Parameters
     ----------
-    residuals, jacobian, causes
-        As :func:`palpate_certainty.laplace.laplace` takes them, without differences between spots.
-    point : (n_parameters,) array
-        Where the slopes are, as shares of the ranges.
-    logs : (n_parameters,) array
-        Logarithm of the upper over the lower bound of a modulus; 0 of a parameter that is no logarithm.
-    by_size : collection of str
-        Causes whose columns are shares of each measured curve; others have shares of the joint fit's.
+    found : Laplace
+        Changes of the parameters that :func:`by_spot` has slopes of.
+    points : (n_spots, n_parameters) array
+        Where the curves of each spot are linear, as shares of the ranges.
+    prior : sequence of arrays
+        Residuals of priors at a value, their slopes, the variances of their errors, and the value.
     """
-    shared, slopes = shared_parameters(jacobian, rows), by_spot(jacobian, rows)
-    logs, joint, n = logs[shared], point[shared], len(shared)
-    found = laplace(np.zeros(slopes.shape[1]), residuals, slopes, causes, scores_of(slopes, rows.curve))
-    own = found.centre[: n * len(_spots(rows))].reshape(-1, n)
+    every, shared, own = _seen(jacobian, rows), shared_parameters(jacobian, rows), np.zeros_like(points)
+    others, n = np.delete(np.arange(points.shape[1]), shared), len(points) * len(shared)
+    # A parameter that no two spots share has the value of the spot that it belongs to.
+    width, of_others = box.upper - box.lower, (every[:, others].argmax(axis=0), others)
+    own[:, shared], own[of_others] = found.centre[:n].reshape(-1, len(shared)), found.centre[n:]
     # A modulus is no less than its lower bound, whatever its curves ask for.
-    values = np.where(logs > 0.0, np.maximum(joint + own, 0.0), joint + own)
-    rates, of_own = rates_of(joint, logs), np.zeros((own.size, own.size))
-    for name, part in found.parts.items():
-        per = rates_of(values, logs).ravel() if name in by_size else np.tile(rates, len(own))
-        of_own += part[: own.size, : own.size] / np.outer(per, per)
-    at = coordinates_of(values, logs).ravel()
-    sd, seen = _most_likely(at, of_own, n), _seen(jacobian[:, shared], rows)
-    through, of_spots = _mean(of_own, sd), np.diag(np.tile(sd**2, len(own)))
-    of_mean = through @ at, through @ (of_own + of_spots) @ through.T
-    known = rows.channel < 0
-    size = np.sum([part[known] @ part[known].T for part in causes.values()], axis=0)
-    prior = residuals[known], jacobian[np.ix_(known, shared)], size
-    mean, covariance = _with_priors(*of_mean, prior, joint, logs)
-    of_sd = {"rates": rates, "sd": sd, "ends": _ends(at, of_own, sd, seen)}
-    return SpotDifferences(shared=shared, seen=seen, own=own, mean=mean, covariance=covariance, **of_sd)
+    values = np.maximum(box.lower + width * (points + own), np.where(box.log, box.lower, -np.inf))
+    at, per = (
+        np.concatenate([of[:, shared].ravel(), of[of_others]])
+        for of in (box.coordinates(values), width / box.rates_at(values))
+    )
+    each = found.mapped(np.diag(per), at)
+    sd = _most_likely(at[:n], each.covariance[:n, :n], len(shared))
+    mean = _with_priors(_mean(each, sd, shared, others), shared, prior, box)
+    there, seen = mean.most_likely, every[:, shared]
+    point, rates = (box.values(there) - box.lower) / width, box.rates(there) / width
+    return SpotDifferences(
+        shared=shared,
+        seen=seen,
+        own=own,
+        sd=sd,
+        ends=_ends(at[:n], each.covariance[:n, :n], sd, seen),
+        point=point,
+        rates=rates,
+        mean=mean.mapped(np.diag(rates), point + rates * (mean.centre - there)),
+    )
 
 
-def _with_priors(
-    mean: FloatArray, covariance: FloatArray, prior: Sequence[FloatArray], joint: FloatArray, logs: FloatArray
-) -> tuple[FloatArray, FloatArray]:
-    """Mean and its covariance by priors too, which have residuals at the joint fit, slopes and a size."""
-    left, slopes, size = prior
-    wide, at, known = np.maximum(logs, 1e-9), mean, covariance
+def _with_priors(mean: Laplace, shared: IntArray, prior: Sequence[FloatArray], box: Box) -> Laplace:
+    """Density by priors of shared parameters too."""
+    left, slopes, size, joint = prior
+    slopes = np.where(np.isin(np.arange(joint.size), shared), slopes, 0.0)  # others have theirs already
+    width, centre, at = box.upper - box.lower, mean.centre, mean.centre
     for _ in range(5):  # a prior of a value is not linear in its logarithm
-        there = np.expm1(wide * at) / np.expm1(wide)
-        along = slopes * rates_of(there, logs)
-        gain = np.linalg.solve(along @ covariance @ along.T + size, along @ covariance).T
-        at = mean - gain @ (left + slopes @ (there - joint) + along @ (mean - at))
-        known = covariance - gain @ along @ covariance
-    return at, (known + known.T) / 2.0
+        values = box.values(at)
+        along = slopes * box.rates_at(values) / width
+        there = left + slopes @ ((values - box.lower) / width - joint)
+        gain = np.linalg.solve(along @ mean.covariance @ along.T + size, along @ mean.covariance).T
+        at = centre - gain @ (there + along @ (centre - at))
+    return mean.mapped(np.eye(at.size) - gain @ along, at).with_part(PRIORS, gain @ size @ gain.T)
 
 
-def _mean(covariance: FloatArray, sd: FloatArray) -> FloatArray:
-    """Weights (n, n_spots * n) of own values in their mean: each spot's own errors, as in ``same_spot``."""
-    n_spots = len(covariance) // len(sd)
-    alone = np.kron(np.eye(n_spots), np.ones((len(sd), len(sd)))) * covariance
+def _mean(each: Laplace, sd: FloatArray, shared: IntArray, others: IntArray) -> Laplace:
+    """Density of the means, by the errors of each spot alone, and of the other parameters.
+
+    Else slightly unequal effects of a common error would be told from the differences, and the mean would
+    leave the own values, which come first in ``each``.
+    """
+    n = each.centre.size - others.size
+    n_spots = n // len(sd)
+    alone = np.kron(np.eye(n_spots), np.ones((len(sd), len(sd)))) * each.covariance[:n, :n]
     of_mean = np.tile(np.eye(len(sd)), (n_spots, 1))
     gain = np.linalg.solve(alone + np.diag(np.tile(sd**2, n_spots)), of_mean)
-    weights: FloatArray = np.linalg.solve(of_mean.T @ gain, gain.T)
-    return weights
-
-
-def coordinates_of(shares: FloatArray, logs: FloatArray) -> FloatArray:
-    """Coordinates of the box of values, as shares of their ranges; ``logs`` is as in :func:`differences`."""
-    logs = np.maximum(logs, 1e-9)
-    return np.asarray(np.log1p(np.expm1(logs) * shares) / logs)
-
-
-def rates_of(shares: FloatArray, logs: FloatArray) -> FloatArray:
-    """Derivatives of values, as shares of their ranges, in their coordinates."""
-    logs = np.maximum(logs, 1e-9)
-    return np.asarray(logs * (shares + 1.0 / np.expm1(logs)))
+    by = np.zeros((shared.size + others.size, each.centre.size))
+    by[shared, :n] = np.linalg.solve(of_mean.T @ gain, gain.T)
+    by[others, n + np.arange(others.size)] = 1.0
+    between = by[:, :n] * np.tile(sd, n_spots)
+    return each.mapped(by, by @ each.centre).with_part(SPOTS, between @ between.T)
 
 
 def _most_likely(own: FloatArray, covariance: FloatArray, n: int) -> FloatArray:

@@ -14,7 +14,6 @@ import scipy
 
 from palpate.api import BoolArray, FloatArray
 from palpate_certainty.between_spots import SPOTS
-from palpate_certainty.laplace import FLAT_SD, estimator
 from palpate_certainty.linear_problem import errors_without
 from palpate_certainty.tables import Assessed
 
@@ -73,23 +72,24 @@ def _predicted(assessed: Assessed, out: BoolArray) -> tuple[FloatArray, FloatArr
     """
     linear, kept = assessed.linear, ~out
     errors, rest = errors_without(linear, kept, assessed.errors), linear.only(kept)
-    covariance, scores = linear.covariance(errors), rest.scores
-    of_scores = scores.T @ covariance[np.ix_(kept, kept)] @ scores
-    prior = np.eye(linear.point.size) / FLAT_SD**2
-    of_point, step = estimator(scores.T @ rest.jacobian, of_scores * rest.together(errors), prior)
-    through = step @ scores.T
     # Where the others tell nothing, a value is anywhere in its range.
-    moved = -through @ rest.residuals - of_point @ prior @ (linear.point - 0.5)
-    there = linear.jacobian[out]
-    both = np.zeros((int(out.sum()), out.size))
-    both[:, out], both[:, kept] = np.eye(int(out.sum())), -there @ through
-    unknown = there @ of_point @ prior @ of_point @ there.T
-    predicted = both @ covariance @ both.T + unknown
-    freedom = errors.scale.freedom
-    if errors.between is not None:
-        by_spots = np.sum((both @ linear.sized(errors)[SPOTS]) ** 2) / np.trace(predicted)
-        freedom = errors.between.freedom_with(np.array([by_spots]), freedom)
-    return linear.residuals[out] + there @ moved, predicted, freedom
+    found, there, freedom = rest.density(errors).in_range, linear.jacobian[out], errors.scale.freedom
+    others = linear.columns(errors)
+    new, between = np.zeros_like(found.covariance), errors.between
+    if between is not None:  # the spot has values of its own around the means of the others
+        own, spot = linear.by_spot, linear.rows.spot[out][0]
+        others, rates = own.columns(errors), np.diag(between.rates_to(own.point[spot], linear.box))
+        found = found.mapped(rates, found.centre)
+        new = np.diag((np.diag(rates) * between.sizes) ** 2)
+    of_out = linear.columns(errors)
+    covariance = np.sum([part[out] @ part[out].T for part in of_out.values()], axis=0)
+    common = np.sum([part[out] @ others[name][kept].T for name, part in of_out.items()], axis=0)
+    across = common @ found.through.T @ there.T
+    predicted = covariance - across - across.T + there @ (found.covariance + new) @ there.T
+    if between is not None:
+        share = np.trace(there @ (found.parts[SPOTS] + new) @ there.T) / np.trace(predicted)
+        freedom = between.freedom_with(np.array([share]), freedom)
+    return linear.residuals[out] + there @ (found.centre - linear.point), predicted, freedom
 
 
 def sentence(table: pl.DataFrame) -> str:

@@ -11,7 +11,7 @@ cut off.
 """
 
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 import scipy
@@ -19,8 +19,8 @@ import scipy
 from palpate.api import FloatArray, IntArray, PalpateError
 from palpate.api.fit import LEVEL, linear_least
 
-RANGE = "range"
-"""Name of the share that is due to the width of the range alone."""
+RANGE, PRIORS = "range", "priors"
+"""Names of the shares that are due to the width of the range alone, and to priors."""
 
 RANGE_SD = 10.0
 """Standard deviation, in ranges, of what is known without any curve: flat within the range."""
@@ -46,12 +46,36 @@ class Laplace:
         They sum to the covariance.
     freedom : float
         Degrees of freedom of the scale; infinite: the density is normal.
+    through : (n_parameters, n) array
+        Change of the centre by each residual, its sign turned.
     """
 
     centre: FloatArray
     covariance: FloatArray
     parts: Mapping[str, FloatArray]
     freedom: float = np.inf
+    through: FloatArray = field(default_factory=lambda: np.empty((0, 0)))
+
+    def mapped(self, by: FloatArray, centre: FloatArray) -> "Laplace":
+        """Density around a ``centre`` (m,) of changes that are combinations (m, n_parameters) of these."""
+        parts = {name: by @ part @ by.T for name, part in self.parts.items()}
+        through = by @ self.through if self.through.size else self.through
+        covariance = by @ self.covariance @ by.T
+        return replace(self, centre=centre, covariance=covariance, parts=parts, through=through)
+
+    def with_part(self, name: str, part: FloatArray) -> "Laplace":
+        """Density with one more part of a cause in its covariance."""
+        parts = {**self.parts, name: self.parts.get(name, 0.0) + part}
+        return replace(self, covariance=self.covariance + part, parts=parts)
+
+    @property
+    def in_range(self) -> "Laplace":
+        """Density where every value is known to be within its range: as wide as the intervals."""
+        # Known already is a value with the standard deviation RANGE_SD.
+        size = np.eye(self.centre.size) / (FLAT_SD**-2 - RANGE_SD**-2)
+        gain = np.linalg.solve(self.covariance + size, self.covariance).T
+        rest = self.mapped(np.eye(len(gain)) - gain, self.centre + gain @ (0.5 - self.centre))
+        return rest.with_part(RANGE, gain @ size @ gain.T)
 
     @property
     def shares(self) -> dict[str, FloatArray]:
@@ -62,14 +86,18 @@ class Laplace:
 
     @property
     def sd(self) -> FloatArray:
-        """Standard deviation (n_parameters,) of each parameter, the bounds aside.
+        """Standard deviation (n_parameters,) of the normal density with the same 95 % interval.
 
-        Student's density is wider than its scale matrix by the uncertain scale; without a variance, where
-        there are two degrees of freedom or fewer, it is the root of that matrix.
+        Student's density may have none; bounds are aside.
         """
-        wider = self.freedom / (self.freedom - 2.0) if 2.0 < self.freedom < np.inf else 1.0
-        sd: FloatArray = np.sqrt(wider * np.diag(self.covariance))
+        sd: FloatArray = self.wider * np.sqrt(np.diag(self.covariance))
         return sd
+
+    @property
+    def wider(self) -> float:
+        """Length of a 95 % interval over the normal one with the scale matrix as its covariance."""
+        upper = 0.5 + LEVEL / 2.0
+        return float(scipy.stats.t.ppf(upper, self.freedom) / scipy.stats.norm.ppf(upper))
 
     @property
     def in_ranges(self) -> float:
@@ -172,7 +200,6 @@ def laplace(
     *,
     range_sd: float = RANGE_SD,
     freedom: float = np.inf,
-    together: FloatArray | float = 1.0,
 ) -> Laplace:
     """Density around the most likely values, and the part of each cause in its covariance.
 
@@ -191,28 +218,23 @@ def laplace(
         Standard deviation of each parameter before any curve; infinite for none.
     freedom : float
         Degrees of freedom of the errors' scale.
-    together : (k, k) array or 1
-        1 for scores that are weighed by their common errors, else 0; by default all are.
     """
     of_scores = {name: scores.T @ factor for name, factor in causes.items()}
     parts = {name: factor @ factor.T for name, factor in of_scores.items()}
     slopes = scores.T @ jacobian
     total = np.sum(list(parts.values()), axis=0)
     prior = np.eye(jacobian.shape[1]) / range_sd**2
-    of_weights, through = estimator(slopes, total * together, prior)
+    gain = np.linalg.solve(total, slopes)
+    of_weights: FloatArray = np.linalg.inv(slopes.T @ gain + prior).astype(np.float64)
+    through = of_weights @ gain.T
     made = {name: through @ part @ through.T for name, part in parts.items()}
     made[RANGE] = of_weights @ prior @ of_weights
     covariance = np.sum(list(made.values()), axis=0)
     centre = point - through @ (scores.T @ residuals)
     symmetric = (covariance + covariance.T) / 2.0
-    return Laplace(centre=centre, covariance=symmetric, parts=made, freedom=freedom)
-
-
-def estimator(slopes: FloatArray, covariance: FloatArray, prior: FloatArray) -> tuple[FloatArray, FloatArray]:
-    """Covariance of the parameters by scores with slopes (k, n), and what each score moves them by (n, k)."""
-    gain = np.linalg.solve(covariance, slopes)
-    of_weights: FloatArray = np.linalg.inv(slopes.T @ gain + prior).astype(np.float64)
-    return of_weights, of_weights @ gain.T
+    return Laplace(
+        centre=centre, covariance=symmetric, parts=made, freedom=freedom, through=through @ scores.T
+    )
 
 
 def _in_box(centre: FloatArray, root: FloatArray, freedom: float) -> tuple[FloatArray, FloatArray]:

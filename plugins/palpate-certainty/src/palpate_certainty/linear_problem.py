@@ -6,14 +6,14 @@ sizes of its errors from :class:`ResidualErrors`.
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
-from functools import cached_property, partial
+from functools import cached_property
 from typing import Self
 
 import numpy as np
 import scipy
 
 from palpate.api import BoolArray, FloatArray, IntArray, PalpateError
-from palpate.api.fit import Fit, Trial
+from palpate.api.fit import Box, Evaluation
 from palpate_certainty.between_spots import (
     SPOTS,
     UNUSUAL,
@@ -21,10 +21,9 @@ from palpate_certainty.between_spots import (
     by_spot,
     differences,
     probability_of_alike,
-    same_spot,
     shared_parameters,
 )
-from palpate_certainty.laplace import FLAT_SD, Laplace, laplace, root_of, scores_of, whitening
+from palpate_certainty.laplace import PRIORS, Laplace, laplace, root_of, scores_of, whitening
 from palpate_certainty.noise_model import (
     PAIRS,
     ErrorScale,
@@ -36,7 +35,7 @@ from palpate_certainty.noise_model import (
     groups_of,
 )
 
-NOISE, DISCREPANCY, PRIORS = "noise", "model", "priors"
+NOISE, DISCREPANCY = "noise", "model"
 """Error sources besides the sources of :mod:`~palpate_certainty.error_sources`."""
 
 
@@ -69,7 +68,7 @@ class LinearProblem:
     Parameters
     ----------
     point : (n_parameters,) array
-        Its end, as shares of the ranges.
+        Its end, as shares of the ranges; (n_spots, n_parameters) where each spot has parameters of its own.
     residuals : (n,) array
         Simulated less measured.
     jacobian : (n, n_parameters) array
@@ -83,8 +82,10 @@ class LinearProblem:
         Discrepancy that the study expects, over the largest ordinate.
     groups : (n, n_points) array
         As :func:`~palpate_certainty.noise_model.groups_of` returns them, where residuals are averages.
-    logs : (n_parameters,) array
-        Logarithm of the upper over the lower bound of a modulus; 0 of a parameter that is no logarithm.
+    box : Box
+        Of the parameters.
+    own : LinearProblem, optional
+        The same curves, each spot's to first order around the end of its own fit.
     is_like_fopt : bool
         The curves count as in Fopt, for the model differs from them by more than its stated errors.
     """
@@ -97,7 +98,8 @@ class LinearProblem:
     channels: tuple[str, ...]
     expected: Mapping[int, float]
     groups: FloatArray = field(default_factory=lambda: np.empty((0, 0)))
-    logs: FloatArray = field(default_factory=lambda: np.zeros(0))
+    box: Box = field(default_factory=lambda: Box(()))
+    own: "LinearProblem | None" = None
     is_like_fopt: bool = False
 
     @property
@@ -116,6 +118,7 @@ class LinearProblem:
             rows=grouped(self.rows, groups),
             known={name: groups @ part for name, part in self.known.items()},
             groups=groups,
+            own=self.own and self.own.averaged(),
         )
 
     def only(self, kept: BoolArray) -> Self:
@@ -127,12 +130,24 @@ class LinearProblem:
             rows=self.rows.only(kept),
             known={name: part[kept] for name, part in self.known.items()},
             groups=self.groups[kept],
+            own=self.own and self.own.only(kept),
         )
+
+    @property
+    def by_spot(self) -> "LinearProblem":
+        """Problem where each spot has shared parameters of its own."""
+        n_spots = int(self.rows.spot.max()) + 1
+        return self.own or replace(self, point=np.tile(self.point, (n_spots, 1)))
+
+    @property
+    def slopes(self) -> FloatArray:
+        """Slopes (n, m) of the residuals, of shared parameters at each spot where each has its own."""
+        return self.jacobian if self.point.ndim == 1 else by_spot(self.jacobian, self.rows)
 
     @cached_property
     def free(self) -> FloatArray:
         """Orthonormal directions (n, n - n_parameters) of the residuals that no parameter explains."""
-        free: FloatArray = scipy.linalg.null_space(self.jacobian.T)
+        free: FloatArray = scipy.linalg.null_space(self.slopes.T)
         return free
 
     @cached_property
@@ -144,49 +159,34 @@ class LinearProblem:
     def scores(self) -> FloatArray:
         """Orthonormal columns (n, m) that span the slopes of each curve, or of all curves as one."""
         curves = np.zeros_like(self.rows.curve) if self.is_like_fopt else self.rows.curve
-        return scores_of(self.jacobian, curves)
-
-    def together(self, errors: ResidualErrors) -> FloatArray | float:
-        """1 for pairs of scores that are weighed by their common errors, else 0."""
-        is_one = errors.between is None or self.is_like_fopt
-        return 1.0 if is_one else same_spot(self.scores, self.rows)
+        return scores_of(self.slopes, curves)
 
     def like_fopt(self, errors: ResidualErrors) -> tuple[Self, ResidualErrors]:
         """Problem whose curves count as in Fopt, and its errors: the discrepancy is as large as it may be."""
-        noise = errors.noise.at_most
-        free = self.free if errors.between is None else _free_by_spot(self)
-        scale = error_scale(self.residuals, free, self.stated, self.rest(noise))
+        noise, by = errors.noise.at_most, self if errors.between is None else self.by_spot
+        scale = error_scale(by.residuals, by.free, by.stated, by.rest(noise))
         larger = replace(errors, noise=noise, scale=scale, between=None)
-        if errors.between is not None:
-            larger = replace(larger, between=_between(self, self.columns(larger)))
-        return replace(self, is_like_fopt=True), larger
+        own = self.own and replace(self.own, is_like_fopt=True)
+        found = replace(self, is_like_fopt=True, own=own)
+        return found, larger if errors.between is None else replace(larger, between=_between(found, larger))
 
     @property
     def has_shared(self) -> bool:
         """True if at least two spots have a parameter in common."""
         return bool(shared_parameters(self.jacobian, self.rows).size)
 
-    def sized(self, errors: ResidualErrors) -> dict[str, FloatArray]:
-        """Columns (n, m) of the known sources and of the differences between spots, by their sizes."""
+    def columns(self, errors: ResidualErrors) -> dict[str, FloatArray]:
+        """Columns (n, m) of every source of error by name, in their sizes."""
+        noise, discrepancy = errors.noise.covariances(self.rows)
         # Priors have a scale of their own.
-        found = {
+        known = {
             name: part if name == PRIORS else errors.scale.factor * part for name, part in self.known.items()
         }
-        if errors.between is not None:
-            found[SPOTS] = errors.between.columns(self.jacobian, self.rows)
-        return found
-
-    def columns(self, errors: ResidualErrors, kept: BoolArray | None = None) -> dict[str, FloatArray]:
-        """Columns (n, m) of every source of error by name, in their sizes; of the residuals that are kept."""
-        of_all = np.ones(self.residuals.size, dtype=bool) if kept is None else kept
-        noise, discrepancy = (part[np.ix_(of_all, of_all)] for part in errors.noise.covariances(self.rows))
-        known = {name: part[of_all] for name, part in self.sized(errors).items()}
         return {**known, NOISE: root_of(noise), DISCREPANCY: root_of(discrepancy)}
 
     def covariance(self, errors: ResidualErrors) -> FloatArray:
         """Covariance (n, n) of the residuals by every source of error."""
-        parts = (part @ part.T for part in self.sized(errors).values())
-        covariance: FloatArray = np.sum([self.rest(errors.noise), *parts], axis=0)
+        covariance: FloatArray = np.sum([part @ part.T for part in self.columns(errors).values()], axis=0)
         return covariance
 
     def rest(self, model: NoiseModel) -> FloatArray:
@@ -194,46 +194,31 @@ class LinearProblem:
         noise, discrepancy = model.covariances(self.rows)
         return noise + discrepancy
 
-    def weighed(self, errors: ResidualErrors, *, is_likeliest: bool = False) -> tuple[Laplace, Laplace]:
-        """Density of the parameters by all errors, and one where each is known to be in its range.
+    def density(self, errors: ResidualErrors, *, is_likeliest: bool = False) -> Laplace:
+        """Density of the parameters by all errors, of their means where spots differ.
 
         No step leads from a ``point`` that is the most likely one.
         """
-        missed = np.zeros_like(self.residuals) if is_likeliest else self.residuals
-        density = partial(
-            laplace,
-            self.point,
-            missed,
-            self.jacobian,
-            self.columns(errors),
-            self.scores,
-            freedom=errors.scale.freedom,
-            together=self.together(errors),
-        )
-        of_all, in_range = density(), density(range_sd=FLAT_SD)
         if errors.between is not None:
-            freedom = errors.between.freedom_with(of_all.shares[SPOTS], errors.scale.freedom)
-            of_all, in_range = (replace(each, freedom=freedom) for each in (of_all, in_range))
-        return of_all, in_range
+            mean, freedom = errors.between.mean, errors.scale.freedom
+            return replace(mean, freedom=errors.between.freedom_with(mean.shares[SPOTS], freedom))
+        missed, freedom = self.residuals * (not is_likeliest), errors.scale.freedom
+        causes = self.columns(errors)
+        return laplace(self.point, missed, self.jacobian, causes, self.scores, freedom=freedom)
 
     def white(self, errors: ResidualErrors) -> FloatArray:
         """Matrix (m, n_points) from the residuals of measured points to independent ones of variance 1."""
         return whitening(self.scores, self.covariance(errors), self.groups)
 
 
-def linearised(fit: Fit, at: FloatArray | None) -> tuple[FloatArray, FloatArray, FloatArray]:
-    """Residuals, slopes per range, and values as shares of their ranges, where a fit has ended or at values.
+def linearised(box: Box, found: Evaluation) -> tuple[FloatArray, FloatArray, FloatArray]:
+    """Residuals, slopes per range, and values as shares of their ranges, of an evaluation with slopes.
 
     Curves are nearly linear in moduli, and not in the logarithms of these, which a search steps in.
     """
-    box = fit.problem.box
-    width = box.upper - box.lower
-    found = fit.at_end()
-    if at is not None:
-        (there,) = fit.problem.evaluate([Trial(point=box.point(box.lower + width * at), slopes=True)])
-        found = found if there.jacobian is None else there
     assert found.residuals is not None
     assert found.jacobian is not None
+    width = box.upper - box.lower
     shares = (box.values(found.point) - box.lower) / width
     return found.residuals, found.jacobian * width / box.rates(found.point), shares
 
@@ -265,8 +250,9 @@ def errors_of(linear: LinearProblem, first: ResidualErrors | None = None) -> Res
     if alike >= UNUSUAL:
         return replace(errors, alike=alike)
     if first is None or first.between is None:
-        errors = _sizes(linear, _free_by_spot(linear))
-    return replace(errors, alike=alike, between=_between(linear, linear.columns(errors)))
+        by = linear.by_spot
+        errors = _sizes(by, by.free)
+    return replace(errors, alike=alike, between=_between(linear, errors))
 
 
 def errors_without(linear: LinearProblem, kept: BoolArray, known: ResidualErrors) -> ResidualErrors:
@@ -276,20 +262,19 @@ def errors_without(linear: LinearProblem, kept: BoolArray, known: ResidualErrors
     """
     rest, errors = linear.only(kept), known
     if set(rest.rows.channels) == set(linear.rows.channels) and rest.residuals.size > rest.point.size:
-        free = rest.free if known.between is None else _free_by_spot(rest)
-        errors = _sizes(rest, free, tuple(known.noise.correlations), known.noise.common)
-    if known.between is None or not rest.has_shared:
-        return replace(errors, between=known.between)
-    columns = linear.columns(replace(errors, between=None), kept)
-    return replace(errors, between=_between(rest, columns))
+        by = rest if known.between is None else rest.by_spot
+        errors = _sizes(by, by.free, tuple(known.noise.correlations), known.noise.common)
+    differ = known.between is not None and rest.has_shared
+    return replace(errors, between=_between(rest, errors) if differ else None)
 
 
-def _between(linear: LinearProblem, columns: Mapping[str, FloatArray]) -> SpotDifferences:
-    logs = linear.logs if linear.logs.size else np.zeros(linear.point.size)
-    by_size = (NOISE, DISCREPANCY)
-    return differences(
-        linear.residuals, linear.jacobian, columns, linear.rows, linear.point, logs, by_size=by_size
-    )
+def _between(linear: LinearProblem, errors: ResidualErrors) -> SpotDifferences:
+    by, known = linear.by_spot, linear.rows.channel < 0
+    changes = laplace(np.zeros(by.slopes.shape[1]), by.residuals, by.slopes, by.columns(errors), by.scores)
+    size = linear.known[PRIORS][known] if PRIORS in linear.known else np.empty((0, 0))
+    prior = linear.residuals[known], linear.jacobian[known], size @ size.T, linear.point
+    points = by.point[np.unique(linear.rows.spot[~known])]
+    return differences(changes, by.jacobian, by.rows, points, linear.box, prior)
 
 
 def _sizes(
@@ -305,9 +290,3 @@ def _sizes(
     )
     noise = noise.at_most if linear.is_like_fopt else noise
     return ResidualErrors(noise=noise, scale=error_scale(residuals, free, stated, linear.rest(noise)))
-
-
-def _free_by_spot(linear: LinearProblem) -> FloatArray:
-    """Directions that no parameter explains where each spot has shared parameters of its own."""
-    free: FloatArray = scipy.linalg.null_space(by_spot(linear.jacobian, linear.rows).T)
-    return free

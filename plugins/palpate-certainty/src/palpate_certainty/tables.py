@@ -14,7 +14,6 @@ from palpate.api.fit import (
     LEVEL,
     UNCLEAR,
     Adequacy,
-    Box,
     Case,
     Fit,
     Problem,
@@ -26,7 +25,6 @@ from palpate.api.fit import (
 from palpate.api.runs import Study
 from palpate_certainty.adequacy import ALLOWED, Check, Misfit
 from palpate_certainty.assumptions import ASSUMED
-from palpate_certainty.between_spots import SpotDifferences
 from palpate_certainty.declared import DECLARED
 from palpate_certainty.error_sources import MESH
 from palpate_certainty.laplace import Density, Laplace
@@ -98,8 +96,6 @@ class Assessed:
         The most likely values, as shares of the ranges.
     laplace : Laplace
         By all causes.
-    in_range : Laplace
-        The same, where every value is known to be within its range: as wide as the intervals.
     density : Density
         By all causes, within the ranges and the filters.
     misfits : mapping of channel number to Misfit
@@ -120,7 +116,6 @@ class Assessed:
     errors: ResidualErrors
     point: FloatArray
     laplace: Laplace
-    in_range: Laplace
     density: Density
     misfits: Mapping[int, Misfit]
     shape: tuple[float, Mapping[int, float]]
@@ -146,68 +141,45 @@ class Assessed:
         return worst_of(check.verdict for check in self.checks)
 
 
-def density_of(found: Laplace, problem: Problem) -> Density:
+def density_of(found: Laplace, problem: Problem, around: FloatArray | None = None) -> Density:
     """Density within the ranges and the filters of a problem.
+
+    Means of spots that differ are normal in coordinates of the box, linear ``around`` the most likely.
 
     Raises
     ------
     PalpateError
-        Nothing is.
+        Filters refuse all of it.
     """
-    box = problem.box
+    box, width = problem.box, problem.box.upper - problem.box.lower
 
     def weights(shares: FloatArray) -> FloatArray:
         # Before any curve each is spread evenly along its coordinate, as a search steps in it.
-        values = box.lower + (box.upper - box.lower) * shares
-        points = box.point(values)
-        rates = box.rates(points)
-        even: FloatArray = problem.accepts(points) / np.prod(rates / (box.upper - box.lower), axis=1)
+        points = box.point(box.lower + width * shares)
+        even: FloatArray = problem.accepts(points) / np.prod(box.rates(points) / width, axis=1)
         return even
 
-    return found.within(weights)
+    if around is None:
+        return found.within(weights)
+    at = box.point(box.lower + width * around)
+    rates = box.rates(at) / width
+    of_points = found.mapped(np.diag(1.0 / rates), at + (found.centre - around) / rates)
+    density = of_points.within(lambda points: np.asarray(problem.accepts(points), dtype=np.float64))
+    points = (box.values(density.points) - box.lower) / width
+    return replace(density, centre=found.centre, covariance=found.covariance, points=points)
 
 
-def most_likely(found: Laplace, density: Density, problem: Problem) -> FloatArray:
-    """Point (n_parameters,), as shares of the ranges, where a density is largest and the filters accept."""
-    box, likely = problem.box, found.most_likely
-    if problem.accepts(box.point(box.lower + (box.upper - box.lower) * likely)[None])[0]:
-        return likely
-    return density.nearest
-
-
-def logs_of(box: Box) -> FloatArray:
-    """Logarithm (n_parameters,) of upper over lower bound of what is searched in logarithms; else 0."""
-    ratios = np.divide(box.upper, box.lower, out=np.ones_like(box.upper), where=box.log)
-    return np.asarray(np.log(ratios))
-
-
-def of_mean(found: Laplace, between: SpotDifferences, problem: Problem) -> tuple[Density, FloatArray]:
-    """Density of the mean over spots that differ, and its most likely point, as shares of the ranges.
-
-    Parameters that no two spots share are as ``found``.
-
-    Raises
-    ------
-    PalpateError
-        The filters refuse all of it.
-    """
-    box, width, likely = problem.box, problem.box.upper - problem.box.lower, found.most_likely
-    at = box.point(box.lower + width * likely)
-    rates, i = box.rates(at) / width, between.shared
-    centre, covariance = at + (found.centre - likely) / rates, found.covariance / np.outer(rates, rates)
-    centre[i], covariance[i], covariance[:, i] = between.mean, 0.0, 0.0
-    covariance[np.ix_(i, i)] = between.covariance
-    mean = Laplace(centre=centre, covariance=covariance, parts={}, freedom=found.freedom)
-    density, likely = (
-        mean.within(lambda points: np.asarray(problem.accepts(points), dtype=np.float64)),
-        mean.most_likely,
-    )
-    if not problem.accepts(likely[None])[0]:
-        likely = density.nearest
-    rates = box.rates(likely) / width
-    point, points = ((box.values(each) - box.lower) / width for each in (likely, density.points))
-    centre, covariance = point + rates * (centre - likely), covariance * np.outer(rates, rates)
-    return replace(density, centre=centre, covariance=covariance, points=points), point
+def most_likely(
+    found: Laplace, linear: LinearProblem, errors: ResidualErrors, problem: Problem
+) -> tuple[Density, FloatArray]:
+    """Density within ranges and filters, and its most likely point that they accept, as shares."""
+    box, around = problem.box, None if errors.between is None else errors.between.point
+    density = density_of(found, problem, around)
+    if around is None and linear.is_like_fopt:
+        return density, linear.point  # the least of Fopt is what was searched
+    point = found.most_likely if around is None else around
+    is_accepted = problem.accepts(box.point(box.lower + (box.upper - box.lower) * point)[None])[0]
+    return density, point if is_accepted else density.nearest
 
 
 def certainty_tables(assessed: Sequence[Assessed], study: Study) -> dict[str, pl.DataFrame]:
@@ -255,15 +227,15 @@ def _intervals(each: Assessed) -> Iterator[dict[str, Any]]:
 
 def _is_mostly_mesh(each: Assessed, parameter: int) -> bool:
     """True if the usual error of a mesh is the largest cause of a parameter's interval."""
-    shares = {cause: float(share[parameter]) for cause, share in each.in_range.shares.items()}
+    shares = {cause: float(share[parameter]) for cause, share in each.laplace.in_range.shares.items()}
     return each.has_usual_mesh_error and max(shares, key=shares.__getitem__) == MESH
 
 
 def _budget(each: Assessed) -> Iterator[dict[str, Any]]:
-    box = each.end.problem.box
+    box, found = each.end.problem.box, each.laplace.in_range
     for i, name in enumerate(box.names):
-        sd = float(each.in_range.sd[i] * (box.upper - box.lower)[i])
-        shares = {cause: float(share[i]) for cause, share in each.in_range.shares.items()}
+        sd = float(found.sd[i] * (box.upper - box.lower)[i])
+        shares = {cause: float(share[i]) for cause, share in found.shares.items()}
         for cause, share in sorted(shares.items(), key=lambda item: -item[1]):
             sd_of_cause = sd * float(np.sqrt(share))
             row = _about(each) | {"parameter": name, "cause": cause}
@@ -273,8 +245,9 @@ def _budget(each: Assessed) -> Iterator[dict[str, Any]]:
 
 
 def _parameter_combinations(each: Assessed) -> Iterator[dict[str, Any]]:
-    box, width = each.end.problem.box, each.end.problem.box.upper - each.end.problem.box.lower
-    for found in parameter_combinations(box.names, each.values, width, each.in_range.covariance):
+    box, within = each.end.problem.box, each.laplace.in_range
+    covariance = within.wider**2 * within.covariance
+    for found in parameter_combinations(box.names, each.values, box.upper - box.lower, covariance):
         yield _about(each) | {
             "combination": found.text,
             "relative_width": found.relative_width,

@@ -42,15 +42,18 @@ from palpate.api.runs import FINE, Study, finer_limb, load_limbs
 from palpate_certainty.api import (
     MESH,
     OF_LIMB,
+    SPOTS,
     Columns,
     ErrorSource,
     Laplace,
     LinearProblem,
+    SpotDifferences,
     SpotMesh,
     columns_of,
     error_budget,
     error_sources_of,
     layout_of,
+    linearised,
     n_differences,
     spot_meshes,
 )
@@ -79,6 +82,7 @@ class DesignProblem:
         Values of the fit; by default those at the first point.
     laplace : Laplace, optional
         Density of the fit; None before any press.
+    between : SpotDifferences, optional
     like_so_far : bool
         Whether causes and meshes are taken to change the curves of a candidate as at the press so far at
         its spot, and are not simulated.
@@ -96,6 +100,7 @@ class DesignProblem:
     limbs: dict[str, Limb] = field(default_factory=dict)
     estimate: FloatArray | None = None
     laplace: Laplace | None = None
+    between: SpotDifferences | None = None
     limited: Mapping[str, tuple[Channel, ...]] = field(default_factory=dict)
     like_so_far: bool = False
     progress: Progress = SILENT
@@ -457,17 +462,18 @@ def _information(
     design: DesignProblem, press: CandidatePress, problem: Problem, evaluation: Evaluation, columns: Columns
 ) -> FisherInformation:
     (term,) = problem.terms
-    assert evaluation.residuals is not None
-    assert evaluation.jacobian is not None
-    n, box = term.n_points, problem.box
-    slopes = (evaluation.jacobian * (box.upper - box.lower) / box.rates(evaluation.point))[:n]
-    rows, channels = layout_of([term], n)
+    residuals, slopes = (each[: term.n_points] for each in linearised(problem.box, evaluation)[:2])
+    rows, channels = layout_of([term], term.n_points)
     measured = {**design.measured, term.spot: term.measured}
     meshes = {term.spot: design.mesh(press)}
-    found = error_budget(design.study, measured, [term], evaluation.residuals[:n], columns, meshes)
+    found = error_budget(design.study, measured, [term], residuals, columns, meshes)
+    if design.between is not None:  # presses at one place have values of their own around the means
+        sizes = dict(zip(design.problem.names, design.between.sizes, strict=True))
+        each = ((name, column) for name, column in zip(problem.names, slopes.T, strict=True) if name in sizes)
+        found[SPOTS] = {f"{name} {term.site}": sizes[name] * column for name, column in each}
     linear = LinearProblem(
         point=evaluation.point,
-        residuals=evaluation.residuals[:n],
+        residuals=residuals,
         jacobian=slopes,
         rows=rows,
         known={

@@ -246,6 +246,7 @@ class PlanningStage:
             limbs=self.limbs,
             estimate=box.lower + (box.upper - box.lower) * self.assessed.point,
             laplace=self.assessed.laplace,
+            between=self.assessed.errors.between,
             like_so_far=self.is_quick,
             progress=self.progress,
         )
@@ -348,7 +349,8 @@ def _expected(design: DesignProblem, goal: Goal, before: FloatArray) -> Expected
     if design.laplace is None:
         usual = Laplace(centre=shares_of(goal), covariance=before, parts={})
         return Expected(fit=usual, within=Laplace.within, shared=range(len(before)), before=before)
-    within = partial(density_of, problem=design.problem)
+    around = None if design.between is None else design.between.point
+    within = partial(density_of, problem=design.problem, around=around)
     return Expected(fit=design.laplace, within=within, shared=design.shared, before=before)
 
 
