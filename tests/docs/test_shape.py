@@ -18,7 +18,7 @@ ROOT = Path(__file__).parents[2]
 LONGEST_FILE = 500
 LONGEST_FUNCTION = 45
 MOST = {
-    "lines": 76_812,
+    "lines": 76_814,
     "lines of the core": 33_224,
     "classes": 654,
     "constants": 729,

@@ -8,8 +8,9 @@ import polars as pl
 import pytest
 from scipy.stats import norm, t as student
 
-from palpate.api import Parameter
+from palpate.api import Parameter, StudyError
 from palpate.api.fit import ALL_SPOTS, Box
+from palpate_certainty import stages
 from palpate_certainty.assessment import Assessment
 from palpate_certainty.between_spots import by_spot, differences
 from palpate_certainty.held_out import held_out
@@ -63,6 +64,14 @@ def test_budget_combinations_and_plans_have_the_intervals_of_the_mean(assessed_w
     ).after(np.eye(1))
     width = study.space.parameters[0].upper - study.space.parameters[0].lower
     assert np.diff(now.interval(joint.point), axis=0)[0, 0] * width == pytest.approx(length, rel=1e-6)
+
+
+def test_spots_that_differ_have_no_posterior_of_one_value_for_all(monkeypatch):
+    monkeypatch.setattr(stages, "cases_of", lambda _: [])
+    differ = SimpleNamespace(errors=SimpleNamespace(between=object()))
+    shared, folder = {stages.ASSESSED: [differ]}, SimpleNamespace(folder="run")
+    with pytest.raises(StudyError, match="run: no posterior of spots that differ; read their intervals"):
+        stages.Posteriors().run(SimpleNamespace(study=None, shared=shared, directory=folder), None)
 
 
 @pytest.mark.slow

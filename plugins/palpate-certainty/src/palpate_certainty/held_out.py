@@ -74,14 +74,13 @@ def _predicted(assessed: Assessed, out: BoolArray) -> tuple[FloatArray, FloatArr
     errors, rest = errors_without(linear, kept, assessed.errors), linear.only(kept)
     # Where the others tell nothing, a value is anywhere in its range.
     found, there, freedom = rest.density(errors).in_range, linear.jacobian[out], errors.scale.freedom
-    others = linear.columns(errors)
+    others = of_out = linear.columns(errors)
     new, between = np.zeros_like(found.covariance), errors.between
     if between is not None:  # the spot has values of its own around the means of the others
         own, spot = linear.by_spot, linear.rows.spot[out][0]
         others, rates = own.columns(errors), np.diag(between.rates_to(own.point[spot], linear.box))
         found = found.mapped(rates, found.centre)
         new = np.diag((np.diag(rates) * between.sizes) ** 2)
-    of_out = linear.columns(errors)
     covariance = np.sum([part[out] @ part[out].T for part in of_out.values()], axis=0)
     common = np.sum([part[out] @ others[name][kept].T for name, part in of_out.items()], axis=0)
     across = common @ found.through.T @ there.T

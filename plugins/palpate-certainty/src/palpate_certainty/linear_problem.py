@@ -203,8 +203,7 @@ class LinearProblem:
             mean, freedom = errors.between.mean, errors.scale.freedom
             return replace(mean, freedom=errors.between.freedom_with(mean.shares[SPOTS], freedom))
         missed, freedom = self.residuals * (not is_likeliest), errors.scale.freedom
-        causes = self.columns(errors)
-        return laplace(self.point, missed, self.jacobian, causes, self.scores, freedom=freedom)
+        return laplace(self.point, missed, self.jacobian, self.columns(errors), self.scores, freedom=freedom)
 
     def white(self, errors: ResidualErrors) -> FloatArray:
         """Matrix (m, n_points) from the residuals of measured points to independent ones of variance 1."""
