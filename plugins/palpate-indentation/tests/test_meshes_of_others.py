@@ -16,6 +16,7 @@ from palpate.limb.outer_surface import partly_fixed
 from palpate.limb.tidying import tidied
 from palpate.mesh.specimens import block
 from palpate.mesh.splitting import SOLIDS
+from palpate.mesh.topology import outer_faces
 from palpate_indentation import MeshioSettings, MeshioSource
 from palpate_indentation.mesh_files import read_here
 
@@ -175,6 +176,26 @@ def test_nodes_in_a_file_of_their_own_are_read(tmp_path: Path) -> None:
     same, n_same = counts(tmp_path, part(), ["bone", "cuts"])
     np.testing.assert_array_equal(limb.mesh.points_mm, same.mesh.points_mm)
     assert n_fixed == n_same
+
+
+def test_what_gmsh_writes_twice_is_proposed_once(tmp_path: Path) -> None:
+    """Its volumes are there by number and by name, as elements and as nodes; faces are of plane stress."""
+    faces = outer_faces("hex8", LIMB.mesh.cells["hex8"]) + 1
+    rows = "".join(
+        f"{900 + k}, {', '.join(map(str, face))}\n"
+        for k, face in enumerate(faces[np.isin(faces, TOP).all(axis=1)].tolist())
+    )
+    numbers = {"SKIN": np.flatnonzero(IN_SKIN) + 1, "FAT": np.flatnonzero(~IN_SKIN) + 1}
+    sets = "".join(f"*Elset, elset=Volume{k}\n{listed(of)}" for k, of in enumerate(numbers.values(), 1))
+    nodes = np.unique(LIMB.mesh.cells["hex8"][IN_SKIN]) + 1
+    sets += (
+        f"*Nset, nset=SKIN\n{listed(nodes)}*Nset, nset=OUTER\n{listed(TOP)}*Nset, nset=ENDS\n{listed(CUTS)}"
+    )
+    text = part(f"*Element, type=CPS4, elset=Surface1\n{rows}", sets).replace("nset=TOP", "nset=t")
+    (tmp_path / "m.inp").write_text(text.replace("NSET=Bone", "NSET=b").replace("NSET=cuts", "NSET=c"))
+    settings = MeshioSource(MeshioSettings()).inspect(tmp_path / "m.inp").record["settings"]
+    assert set(settings["regions"].values()) == {"Fat", "skin"}
+    assert settings["node_sets"] == {"contact": "OUTER", "fixed": "ENDS"}
 
 
 SUPPORTS = {

@@ -26,7 +26,7 @@ SOLIDS: Mapping[str, tuple[str, int]] = MappingProxyType(
         "20": ("hexahedron20", 20),
     }
 )
-SHELLS = re.compile(r"(?:STRI|SFM3D|M3D|R3D|DS|S)(\d)[A-Z0-9]*$")
+SHELLS = re.compile(r"(?:STRI|SFM3D|M3D|R3D|CPS|CPE|DS|S)(\d)[A-Z0-9]*$")
 FLAT: Mapping[int, str] = MappingProxyType({3: "triangle", 4: "quad", 6: "triangle6", 8: "quad8", 9: "quad9"})
 NO_LIMB = re.compile(
     r"MASS|ROTARYI|SPRING|DASHPOT|CONN|T3D|B3|R2D|RB3D|DCOUP|HEATCAP|PIPE|JOINT|D?GAP|FRAME|US?\d+$|D$"

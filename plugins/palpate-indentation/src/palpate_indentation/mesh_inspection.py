@@ -64,7 +64,7 @@ def _regions(content: MeshFile) -> dict[str, Any]:
 
 
 def _covering(content: MeshFile, volume: list[int]) -> list[str]:
-    """Groups that hold each volume element once, small ones first; none if there are no such groups."""
+    """Groups that hold each volume element once, small ones first, and names before numbers; or none."""
     starts = np.cumsum([0, *(len(content.blocks[k][1]) for k in volume)])
     taken, chosen = np.zeros(starts[-1], dtype=np.bool_), []
     members = {
@@ -72,7 +72,7 @@ def _covering(content: MeshFile, volume: list[int]) -> list[str]:
         for name, rows in content.cell_sets.items()
         if name in _plain(content.cell_sets)
     }
-    for name, rows in sorted(members.items(), key=lambda each: len(each[1])):
+    for name, rows in sorted(members.items(), key=lambda each: (len(each[1]), each[0][-1:].isdigit())):
         if len(rows) and not taken[rows].any():
             taken[rows] = True
             chosen.append(name)
@@ -101,7 +101,7 @@ def _node_sets(content: MeshFile, groups: list[str], findings: list[str]) -> dic
 
 
 def _names(content: MeshFile) -> list[str]:
-    """Names of data and sets with nodes of the volume elements."""
+    """Names of data and sets with nodes of the volume elements, but not with a name of such elements."""
     solid = np.zeros(len(content.points), dtype=np.bool_)
     for kind, cells in content.blocks:
         if kind in VOLUME:
@@ -111,12 +111,13 @@ def _names(content: MeshFile) -> list[str]:
         for name, values in content.point_data.items()
         if values.ndim == 1 and values.dtype.kind in "biuf" and np.isin(values, (0, 1)).all()
     }
-    faces = {}
+    every = {**marks, **content.point_sets}
     for name, rows in content.cell_sets.items():
         members = [(kind, of[r]) for (kind, of), r in zip(content.blocks, rows, strict=True) if len(r)]
-        if members and not any(kind in VOLUME for kind, _ in members):
-            faces[name] = np.unique(np.concatenate([of.ravel() for _, of in members]))
-    every = {**marks, **content.point_sets, **faces}
+        if any(kind in VOLUME for kind, _ in members):
+            every.pop(name, None)
+        elif members:
+            every[name] = np.unique(np.concatenate([of.ravel() for _, of in members]))
     return [n for n in _plain(every) if 0 < np.count_nonzero(solid[every[n]]) < solid.sum()]
 
 
