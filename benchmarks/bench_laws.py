@@ -12,10 +12,14 @@ in 99 of 100 cases. Counted are the verdicts, and how often the curves of the se
 81 to 90 %. Two presses at other spots, which no fit has seen, are predicted as ``palpate predict`` does:
 counted are points inside of the 90 % bands of the draws alone, and of those with the model error.
 
+``--tied``: worlds of Ogden's law (m1 from 2 to 9), Yeoh's or the neo-Hookean, at constant volume, fitted by
+Yeoh's c1 alone, with c2, c3 and κ tied to it as ``palpate init`` writes them. Counted is how often the
+interval of c1 holds half of the initial shear modulus, for some errors of the ties.
+
 All by the closed form and the errors of ``bench_coverage.py``. With ``--tuned`` only even seeds count, which
 choices may be made on; else the odd ones.
 
-    python benchmarks/bench_laws.py --spots 200 --laws 20
+    python benchmarks/bench_laws.py --spots 200 --laws 20 --tied 24
 """
 
 import argparse
@@ -29,6 +33,7 @@ from bench_coverage import (
     MESHES,
     NOISE,
     RATIO,
+    Layered,
     LayeredSettings,
     experiment,
     measured_at,
@@ -42,10 +47,13 @@ from scipy.stats import norm
 
 from palpate import Job, Response
 from palpate.answer.words import Adequacy
+from palpate.domain import ParameterSpace, RegionMaterial
+from palpate.domain.parameters import Tie
 from palpate_certainty.assessment import Assessment
 from palpate_certainty.assumptions import ASSUMED
 from palpate_certainty.held_out import held_out
 from palpate_certainty.tables import certainty_tables
+from palpate_materials.uncoupled import Ogden, Yeoh
 from palpate_prediction.bands import ends, linear, with_model_error
 
 BETWEEN = 0.1
@@ -218,10 +226,78 @@ def of_laws(n: int, seeds) -> None:
         say(f"{' by '.join(pair)}: {'; '.join(texts)}")
 
 
+TIES = {"c2": -0.08, "c3": 0.009333, "kappa": 53.33}
+"""Factors of Yeoh's c1, as ``palpate init`` writes them."""
+TIE_ERRORS = (0.1, 0.3, 0.5, 0.9)
+
+
+class Isochoric(Layered):
+    """Strips that keep their volume, so that no bulk modulus counts."""
+
+    name = "isochoric"
+
+    def _slope(self, job, thetas, depth, rotation):
+        (material,), (theta,) = job.materials.values(), thetas.values()
+        lateral = np.exp(0.5 * pressed.COMPRESSED * depth[:, None])
+        return pressed.energy(material, depth, rotation, theta, lateral=lateral).imag / pressed.STEP.imag
+
+
+def of_law(material, fixed, ties, solver):
+    """A study of measured data that searches c1 of a law."""
+    c1 = replace(material.parameters[0], lower=1e-4, upper=0.3)
+    tied = {name: Tie(source="tissue.c1", factor=factor) for name, factor in ties.items()}
+    region = RegionMaterial(region="tissue", material=material, searched=(c1,), fixed=fixed, tied=tied)
+    study = pressed.study_of(Ogden(), ("c1",), solver=solver)
+    return replace(study, space=ParameterSpace(regions=(region,)), data="measured")
+
+
+def tied_law(seed: int) -> dict[float, tuple[Adequacy, bool, float, float]]:
+    """Verdict, whether the interval holds, its relative width and the error of c1, by the ties' error."""
+    rng = np.random.default_rng(seed)
+    coarse = MESH * rng.normal()
+    solver = Isochoric(LayeredSettings(coarse=coarse, fine=coarse / RATIO))
+    mu = np.exp(rng.uniform(np.log(0.004), np.log(0.03)))
+    kind, bulk = rng.integers(3), {"kappa": 50.0 * mu}
+    if kind == 2:
+        tissue, row = of_law(Ogden(), {"m1": rng.uniform(2.0, 9.0)} | bulk, {}, solver), 2.0 * mu
+    else:
+        c2, c3 = (rng.uniform(-0.15, 0.1), rng.uniform(0.0, 0.03)) if kind else (0.0, 0.0)
+        shape = {"c2": 0.5 * c2 * mu, "c3": 0.5 * c3 * mu}
+        tissue, row = of_law(Yeoh(), shape | bulk, {}, solver), 0.5 * mu
+    common = np.random.default_rng(1000 + seed)
+    measured = {"p1": measured_at(tissue, np.array([row]), rng, shared=common, true=Isochoric)}
+    found = {}
+    for sd in TIE_ERRORS:
+        study = of_law(Yeoh(), {}, TIES, solver)
+        stated = {"parameters": {f"tissue.{name}": sd for name in TIES}, "friction": 0.1}
+        study = replace(study, budget=study.budget.model_copy(update=stated))
+        case = stage_of(study, measured).run()[0]
+        certainty = Assessment(study=study, measured=measured, meshes={"p1": MESHES})
+        assessed = certainty.assess(case, *certainty.columns(case))
+        box = assessed.end.problem.box
+        ends = [box.lower + x * (box.upper - box.lower) for x in assessed.density.interval(assessed.point)]
+        (low,), (high,), (value,) = *ends, assessed.values
+        found[sd] = assessed.verdict, low <= 0.5 * mu <= high, (high - low) / value, 2.0 * value / mu - 1.0
+    return found
+
+
+def of_ties(seeds) -> None:
+    worlds = list(map(tied_law, seeds))
+    for sd in TIE_ERRORS:
+        found = [of[1:] for world in worlds if (of := world[sd])[0] is not Adequacy.FAILS]
+        approximate = sum(world[sd][0] is Adequacy.APPROXIMATES for world in worlds)
+        holds, widths, errors = map(np.array, zip(*found, strict=True))
+        held = f"{holds.sum()} of {len(found)} hold, {approximate} approximate"
+        wide = f"median width {100.0 * np.median(widths):.1f} %"
+        missed = f"rms error {100.0 * np.sqrt(np.mean(errors**2)):.1f} %"
+        say(f"ties within {100.0 * sd:.0f} %: {held}, {wide}, {missed}")
+
+
 def main() -> None:
     arguments = argparse.ArgumentParser(description=__doc__)
     arguments.add_argument("--spots", type=int, default=0)
     arguments.add_argument("--laws", type=int, default=0)
+    arguments.add_argument("--tied", type=int, default=0)
     arguments.add_argument("--tuned", action="store_true")
     given = arguments.parse_args()
     first = 0 if given.tuned else 1
@@ -229,6 +305,8 @@ def main() -> None:
         of_spots(range(first, 2 * given.spots, 2))
     if given.laws:
         of_laws(given.laws, count(first, 2))
+    if given.tied:
+        of_ties(range(first, 2 * given.tied, 2))
 
 
 if __name__ == "__main__":

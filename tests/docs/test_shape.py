@@ -19,7 +19,7 @@ LONGEST_FILE = 500
 LONGEST_FUNCTION = 45
 MOST = {
     "lines": 76_814,
-    "lines of the core": 33_224,
+    "lines of the core": 33_221,
     "classes": 654,
     "constants": 729,
     "long files": 0,

@@ -274,6 +274,16 @@ def test_a_fixed_parameter_stays_physical_within_its_usual_error(ended, ratio, s
     assert sds["tissue.nu"] == pytest.approx(sd)
 
 
+@pytest.mark.parametrize(("data", "sd"), [("simulated", 0.1), ("measured", 0.5)])
+def test_a_value_that_is_fixed_for_real_tissue_is_hardly_known(ended, data, sd):
+    study, measured, *_ = ended()
+    study = replace(study, data=data)
+    sds = {cause.of: cause.sd for cause in error_sources_of(study, measured, [])}
+    assert sds["tissue.kappa"] == sd
+    stated = replace(study, budget=BudgetTable(parameters={"tissue.kappa": 0.2}))
+    assert {c.of: c.sd for c in error_sources_of(stated, measured, [])}["tissue.kappa"] == 0.2
+
+
 def test_the_onset_is_as_uncertain_as_the_loader_found_it(ended):
     study, measured, *_ = ended()
     files = {"a": {"uncertainty": {"depth_mm": 0.03}}, "b": {"uncertainty": {"depth_mm": 0.04}}}

@@ -23,6 +23,9 @@ from palpate.plugins.guard import answering_for
 from palpate.study.reading import Study, StudySpot
 from palpate.study.spots import mesh_note
 
+# Presses that differ in their twist alone share a finer mesh.
+_refined = functools.lru_cache(maxsize=8)(refined)
+
 
 def load_limbs(study: Study, *, to_show: bool = False) -> dict[str, Limb]:
     """Limb of each spot and of its finer mesh, by :attr:`Job.limb_name`, checked.
@@ -97,12 +100,6 @@ def fine_meshes(study: Study, limbs: Mapping[str, Limb], edges_mm: Mapping[str, 
         and (edge_mm := fine_edge_mm(study, spot, limbs[spot.spot.name]))
     ]
     return pl.DataFrame(rows, ["spot", "edge_mm", "n_nodes"], orient="row") if rows else pl.DataFrame()
-
-
-@functools.lru_cache(maxsize=8)
-def _refined(limb: Limb, within_mm: float, edge_mm: float, beyond_mm: float) -> Limb:
-    """One finer mesh for presses that differ in their twist alone."""
-    return refined(limb, within_mm, edge_mm, beyond_mm)
 
 
 def fine_edge_mm(study: Study, spot: StudySpot, limb: Limb) -> float:

@@ -449,8 +449,8 @@ class BudgetTable(Table):
     )
     parameters: dict[str, Share] = Field(
         default={},
-        description="Of fixed and tied parameters, relative, by region.parameter; if left out, a tenth, "
-        "and of a fixed one no more than its physical range has.",
+        description="Of fixed and tied parameters, relative, by region.parameter; if left out, half, of "
+        "simulated data a tenth, and of a fixed one no more than its physical range has.",
     )
     discrepancy: Annotated[Shares, AfterValidator(_more_than_zero)] = Field(
         default={"": USUAL_DISCREPANCY},

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 class Assumptions:
     """Numbers of the error budget that no study states.
 
-    The first five are usual errors of an experiment, where neither the study nor its files state them. The
+    The first six are usual errors of an experiment, where neither the study nor its files state them. The
     others are shapes of errors. Three have a measured value each, at spots that chose nothing, in
     ``benchmarks/README.md#stated-against-true-error-by-the-mesh``; the effect of all on regions and intervals
     is in ``benchmarks/README.md#coverage-by-finite-elements``.
@@ -19,8 +19,10 @@ class Assumptions:
     position_mm, bone_mm : float
         Standard deviations of a spot's position along the skin, and of the depth of the bones.
     relative : float
-        Standard deviation of friction and of fixed and tied parameters, over their values, and of a layer,
-        over its thickness. A fixed parameter goes no farther than its physical range.
+        Standard deviation of a layer, over its thickness, and of friction and of fixed and tied parameters of
+        simulated data, over their values. A fixed parameter goes no farther than its physical range.
+    borrowed : float
+        The same of measured data: values of other tissue. Chosen on even seeds of ``bench_laws.py --tied``.
     skin_friction : float
         Standard deviation of a friction coefficient on skin, over its value: person and humidity change it.
     extrapolation : float
@@ -62,6 +64,7 @@ class Assumptions:
     position_mm: float = 1.0
     bone_mm: float = 1.0
     relative: float = 0.1
+    borrowed: float = 0.5
     skin_friction: float = 0.3
     extrapolation: float = 0.7
     contact: float = 0.3

@@ -116,7 +116,7 @@ def _value(cause: ErrorSource) -> str:
 
 
 def _causes(study: Study, measured: Mapping[str, Response]) -> Iterator[ErrorSource]:
-    budget, protocol = study.budget, study.protocol
+    budget, protocol, is_known = study.budget, study.protocol, study.data == "simulated"
     for channel in dict.fromkeys(name for response in measured.values() for name in response):
         yield ErrorSource(kind="gain", of=channel, sd=budget.gain)
     if isinstance(protocol, Indentation):
@@ -126,19 +126,18 @@ def _causes(study: Study, measured: Mapping[str, Response]) -> Iterator[ErrorSou
             yield ErrorSource(kind="onset", of=spot, sd=onset, spots=(spot,))
             for axis in "xy":
                 yield ErrorSource(kind="tilt", of=f"{spot} {axis}", sd=budget.tilt, spots=(spot,))
-        usual = (ASSUMED.relative if study.data == "simulated" else ASSUMED.skin_friction) * protocol.friction
+        usual = (ASSUMED.relative if is_known else ASSUMED.skin_friction) * protocol.friction
         sd = usual if budget.friction is None else budget.friction
         yield ErrorSource(kind="friction", of="", sd=sd)
         yield ErrorSource(kind="indenter", of="", sd=budget.radius)
         if study.solver.provides.contact_penalty:
             yield ErrorSource(kind=CONTACT, of="", sd=1.0)
         yield from _of_anatomy(study, measured)
-    searched = {p.name for p in study.space.parameters}
+    searched, usual = set(study.space.names), ASSUMED.relative if is_known else ASSUMED.borrowed
     for region in study.space.regions:
-        room = region.room
         for parameter in region.material.parameters:
             if (name := region.name_of(parameter.name)) not in searched:
-                possible = min(ASSUMED.relative, room.get(parameter.name, np.inf))
+                possible = min(usual, region.room.get(parameter.name, np.inf))
                 yield ErrorSource(kind="fixed", of=name, sd=budget.parameters.get(name, possible))
 
 
