@@ -18,9 +18,6 @@ if TYPE_CHECKING:
 
 DIMENSIONLESS = frozenset({"", "1", "-", "dimensionless"})
 _QUANTITY = re.compile(r"\s*([+-]?(?:\d+\.?\d*|\.\d+)(?:[eE][+-]?\d+)?)\s*(.*?)\s*")
-_USUAL = ("mm", "cm", "m", "N", "mN", "kN", "Pa", "kPa", "MPa", "GPa", "N*mm", "N*m", "deg", "rad", "s", "ms",
-          "min", "h", "MB", "GB")  # fmt: skip
-"""Units that are suggested for one that differs in case alone."""
 _LONGEST = 100
 """Most characters of a quantity."""
 _UNIT = re.compile(r"(?:(?:[^\W\d_]\w*|[°%])(?:\s*(?:\^|\*\*)\s*[+-]?\d(?!\d))?|1|[*/·()\s])*+")
@@ -155,7 +152,9 @@ def _factor(written: str, unit: str, given: str) -> float:
 
 def _meant(written: str, unit: str) -> str:
     """Suggest the usual unit of a kind that differs in case alone; empty where there is none."""
-    alike = [usual for usual in _USUAL if usual.casefold() == written.casefold() and usual != written]
+    usual_ones = ["mm", "cm", "m", "N", "mN", "kN", "Pa", "kPa", "MPa", "GPa", "N*mm", "N*m", "deg", "rad"]
+    usual_ones += ["s", "ms", "min", "h", "MB", "GB"]
+    alike = [usual for usual in usual_ones if usual.casefold() == written.casefold() and usual != written]
     kind = _parsed("" if unit in DIMENSIONLESS else unit)
     for usual in alike:
         source = _parsed(usual)

@@ -30,9 +30,6 @@ FOR_OWN = "forearm-demo"
 OF_PRESSES = ("study", "spot", "experiment", "budget", "truth")
 """Tables of a ready study that hold for its own presses alone."""
 
-OWN_NAME = re.compile(r"(^\[study\]\n(?:(?!\[).*\n)*?name = )\"[^\"]*\"", flags=re.MULTILINE)
-"""Name of a study in its file, behind the text of its table before it."""
-
 SEARCHED = """[fit.searched]
 # Skin on plastic: 0.3 to 1.0, by person and humidity. A twist in which the indenter slips identifies it.
 friction = { lower = 0.1, upper = 1.5, prior = { value = 0.7, sd = 0.3 } }
@@ -289,7 +286,9 @@ def name_study(folder: Path) -> None:
     """Name the study in a folder after it, so that the runs of two copies have a folder each."""
     file, named = folder / "study.toml", json.dumps(_name_of(folder.resolve().name))
     text = file.read_text(encoding="utf-8")
-    file.write_text(OWN_NAME.sub(lambda found: found[1] + named, text, count=1), encoding="utf-8")
+    name = r"(^\[study\]\n(?:(?!\[).*\n)*?name = )\"[^\"]*\""
+    text = re.sub(name, lambda found: found[1] + named, text, count=1, flags=re.MULTILINE)
+    file.write_text(text, encoding="utf-8")
 
 
 def check_new(folder: Path) -> None:

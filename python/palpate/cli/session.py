@@ -222,12 +222,10 @@ class Session:
         self.stdout.print(table)
 
 
-_CONTROLS = {code: f"\\u{code:04x}" for code in (*range(32), *range(127, 160)) if chr(code) not in "\n\t"}
-
-
 def visible(text: str) -> str:
     """Spell out control characters, so that no name or message can steer the terminal."""
-    return text.translate(_CONTROLS)
+    codes = (*range(32), *range(127, 160))
+    return text.translate({code: f"\\u{code:04x}" for code in codes if chr(code) not in "\n\t"})
 
 
 def _console(*, stderr: bool = False) -> "Console":

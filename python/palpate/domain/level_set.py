@@ -6,9 +6,6 @@ import numpy as np
 
 from palpate.domain.curves import FloatArray, IntArray
 
-_TETS = np.array([[0, 3, 1, 7], [0, 2, 3, 7], [0, 6, 2, 7], [0, 4, 6, 7], [0, 5, 4, 7], [0, 1, 5, 7]])
-"""Six tetrahedra of a cube around its diagonal, of positive volume; corner 4 i + 2 j + k is at (i, j, k)."""
-
 
 def level_set_surface(
     distance: Callable[[FloatArray], FloatArray], bounds_mm: FloatArray, n_across: int
@@ -59,7 +56,9 @@ def _tets(counts: IntArray) -> IntArray:
     first = ((i * counts[1] + j) * counts[2] + k).ravel()
     corner = np.array([(x * counts[1] + y) * counts[2] + z for x in (0, 1) for y in (0, 1) for z in (0, 1)])
     cells = first[:, None] + corner
-    tets: IntArray = cells[:, _TETS].reshape(-1, 4)
+    # Six tetrahedra of a cube around its diagonal, of positive volume; corner 4 i + 2 j + k is at (i, j, k).
+    around = [[0, 3, 1, 7], [0, 2, 3, 7], [0, 6, 2, 7], [0, 4, 6, 7], [0, 5, 4, 7], [0, 1, 5, 7]]
+    tets: IntArray = cells[:, around].reshape(-1, 4)
     return tets
 
 

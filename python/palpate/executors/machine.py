@@ -4,17 +4,6 @@ import contextlib
 import os
 from pathlib import Path
 
-THREAD_VARIABLES = (
-    "OMP_NUM_THREADS",
-    "OPENBLAS_NUM_THREADS",
-    "MKL_NUM_THREADS",
-    "VECLIB_MAXIMUM_THREADS",
-    "NUMEXPR_NUM_THREADS",
-    "RAYON_NUM_THREADS",
-    "POLARS_MAX_THREADS",
-    "NPROC",  # read by XLA for the size of its thread pools
-)
-
 _CGROUP, _OWN_GROUP = Path("/sys/fs/cgroup"), Path("/proc/self/cgroup")
 
 
@@ -76,7 +65,11 @@ def thread_limits(n_threads: int) -> dict[str, str]:
 
     OpenBLAS has one: on small matrices its threads wait for each other.
     """
-    limits = dict.fromkeys(THREAD_VARIABLES, str(n_threads)) | {"OPENBLAS_NUM_THREADS": "1"}
+    counted = ("OMP", "MKL", "NUMEXPR", "RAYON")
+    names = [f"{each}_NUM_THREADS" for each in counted]
+    # XLA takes NPROC for the size of its pools.
+    names += ["VECLIB_MAXIMUM_THREADS", "POLARS_MAX_THREADS", "NPROC"]
+    limits = dict.fromkeys(names, str(n_threads)) | {"OPENBLAS_NUM_THREADS": "1"}
     if n_threads == 1:
         flags = os.environ.get("XLA_FLAGS", "")
         limits["XLA_FLAGS"] = f"{flags} --xla_cpu_multi_thread_eigen=false".strip()

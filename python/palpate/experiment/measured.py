@@ -4,7 +4,6 @@ import math
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, replace
 from pathlib import Path
-from types import MappingProxyType
 
 import numpy as np
 
@@ -36,11 +35,6 @@ COVERED_SHARE = 0.98
 
 TURN_SLACK = 0.1
 """Share of the protocol's travel by which a turning point may differ from the protocol's."""
-
-_OTHER_UNITS: Mapping[str, tuple[str, ...]] = MappingProxyType(
-    {"mm": ("m", "cm", "inch", "µm"), "deg": ("rad",), "s": ("ms", "min")}
-)
-"""Units that an abscissa may be in by mistake, by the one that it must be in."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -353,7 +347,8 @@ def _departures(
     covered = f"covers {least:g} to {most:g} {unit} where the protocol runs from {low:g} to {high:g} {unit}"
     slack = (1.0 - COVERED_SHARE) * (high - low)
     times = float(np.abs(asked).max() / np.abs(curve.abscissa).max())
-    for other in _OTHER_UNITS.get(written_unit, ()):
+    mistaken = {"mm": ("m", "cm", "inch", "µm"), "deg": ("rad",), "s": ("ms", "min")}
+    for other in mistaken.get(written_unit, ()):
         factor = convert(f"1 {other}", written_unit)
         # Relative difference of the protocol's travel over the measured one from a ratio of units, at most.
         if abs(times / factor - 1.0) < 0.03:

@@ -6,9 +6,6 @@ import numpy as np
 
 from palpate.domain import FloatArray, Parameter
 
-_NUDGES = np.array(sorted(range(-8, 9), key=abs), dtype=np.float64)
-"""By how many steps of rounding a coordinate may be off on the way to a value and back; none comes first."""
-
 
 class Box:
     """Goes between values and the unit box, in logarithms where a modulus has a range above zero."""
@@ -53,7 +50,9 @@ class Box:
         # coordinates are half as far apart as above it.
         step = np.spacing(np.nextafter(point, 0.0))
         unit = np.maximum(step, 0.5 * np.spacing(np.abs(values)) / self.rates(point))
-        near = np.clip(point + np.outer(_NUDGES, unit), 0.0, 1.0)
+        # Steps of rounding by which a coordinate may be off on the way to a value and back; none comes first.
+        steps = np.array(sorted(range(-8, 9), key=abs), dtype=np.float64)
+        near = np.clip(point + np.outer(steps, unit), 0.0, 1.0)
         hits = self.values(near) == values
         found: FloatArray = np.take_along_axis(near, hits.argmax(axis=0)[None], axis=0)[0]
         return found

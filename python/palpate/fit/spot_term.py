@@ -36,9 +36,6 @@ from palpate.scoring.scores import compare, scored_points
 from palpate.simulation.jobs import homogeneous_tests
 from palpate.study.reading import Study
 
-DIFFERENCES = Nmse(NmseSettings(normaliser=Normaliser.UNIT))
-"""What the ordinates themselves are found by where a study's score is not linear."""
-
 
 class NotRankedError(Exception):
     """A simulation that is not to be ranked has no residuals."""
@@ -162,7 +159,9 @@ class SpotTerm:
     def of_channels(self, channels: Collection[str]) -> "SpotTerm":
         """Count every point of these channels alike, as far as they are measured, by a linear score."""
         weights = {name: 1.0 for name in self.measured if name in channels}
-        rules = self.rules if self.rules.score.linear else replace(self.rules, score=DIFFERENCES)
+        rules = self.rules
+        if not rules.score.linear:  # the ordinates themselves
+            rules = replace(rules, score=Nmse(NmseSettings(normaliser=Normaliser.UNIT)))
         return replace(self, weights=weights, rules=rules)
 
     def job(self, inputs: SpotInputs, set_id: int, *, slopes: bool, fine: bool) -> Job:

@@ -60,14 +60,17 @@ class Cell:
 
 _TET_FACES = ((0, 2, 1), (0, 1, 3), (1, 2, 3), (0, 3, 2))
 _TET_EDGES = ((0, 1), (1, 2), (0, 2), (0, 3), (1, 3), (2, 3))
-_HEX_FACES = ((0, 3, 2, 1), (4, 5, 6, 7), (0, 1, 5, 4), (1, 2, 6, 5), (2, 3, 7, 6), (3, 0, 4, 7))
-_HEX_EDGES = ((0, 1), (1, 2), (2, 3), (3, 0), (4, 5), (5, 6), (6, 7), (7, 4), (0, 4), (1, 5), (2, 6), (3, 7))
 
 CELLS: Mapping[str, Cell] = MappingProxyType(
     {
         "tet4": Cell("tetra", 4, _TET_FACES, _TET_EDGES),
         "tet10": Cell("tetra10", 4, _TET_FACES, _TET_EDGES, has_midside_nodes=True),
-        "hex8": Cell("hexahedron", 8, _HEX_FACES, _HEX_EDGES),
+        "hex8": Cell(
+            "hexahedron",
+            8,
+            ((0, 3, 2, 1), (4, 5, 6, 7), (0, 1, 5, 4), (1, 2, 6, 5), (2, 3, 7, 6), (3, 0, 4, 7)),
+            ((0, 1), (1, 2), (2, 3), (3, 0), (4, 5), (5, 6), (6, 7), (7, 4), (0, 4), (1, 5), (2, 6), (3, 7)),
+        ),
     }
 )
 """The kinds of elements that palpate simulates, by the names that FEBio uses too."""

@@ -15,11 +15,6 @@ from palpate.plugins.versions import THIS_VERSION
 if TYPE_CHECKING:
     from palpate.domain.component import Component
 
-_CALLERS = frozenset(
-    {"palpate", "typer", "click", "pluggy", "importlib", "_frozen_importlib", "_frozen_importlib_external"}
-)
-"""Packages between palpate and the first line of a plugin."""
-
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class BrokenPlugin:
@@ -126,6 +121,8 @@ def line_of(error: BaseException) -> str:
         (str(frame.f_globals.get("__name__")).partition(".")[0], frame.f_code.co_filename, line)
         for frame, line in traceback.walk_tb(error.__traceback__)
     ]
-    own = [place for place in places if place[0] not in _CALLERS]
+    # Packages between palpate and the first line of a plugin.
+    between = ("palpate", "typer", "click", "pluggy", "importlib", "_frozen_importlib")
+    own = [place for place in places if place[0] not in (*between, "_frozen_importlib_external")]
     last = [(file, line) for package, file, line in own if package == own[0][0]][-1:]
     return "".join(f" (line {line} of {file})" for file, line in last)

@@ -215,9 +215,6 @@ class Section(Component[SettingsT]):
         return ()
 
 
-_WORDS = {"nmse": "NMSE", "r2": "R²", "fopt": "Fopt", "aicc": "AICc", "bic": "BIC"}
-
-
 def heading(column: str) -> str:
     """Name of a column for people; the heading of a parameter is its name in the study."""
     if "." in column:
@@ -226,7 +223,8 @@ def heading(column: str) -> str:
     for suffix, of in {"_s": " (s)", "_percent": " (%)"}.items():
         if name.endswith(suffix):
             name, unit = name.removesuffix(suffix), of
-    return " ".join(_WORDS.get(word, word) for word in name.split("_")) + unit
+    words = {"nmse": "NMSE", "r2": "R²", "fopt": "Fopt", "aicc": "AICc", "bic": "BIC"}
+    return " ".join(words.get(word, word) for word in name.split("_")) + unit
 
 
 def shown(value: object) -> str:

@@ -249,10 +249,6 @@ def recorded(study: Study, manifest: Mapping[str, Any]) -> dict[str, dict[str, l
     return record
 
 
-_ABOUT_NOTHING = ("measured", "study_file", "kept_study", "plugin_files", "trusted", "fit_start", "n_total")
-"""Parts of a manifest that are no part of a study: they follow from others or from an option, or are
-the folder's own."""
-
 _CODE = "fingerprints."
 """How the keys of components begin."""
 
@@ -320,7 +316,9 @@ def differences(before: Mapping[str, Any], after: Mapping[str, Any]) -> list[Cha
 
 
 def _plain(manifest: Mapping[str, Any], shown: Collection[str]) -> dict[str, Any]:
-    kept = {key: value for key, value in manifest.items() if key not in _ABOUT_NOTHING}
+    # No part of a study: these follow from others or from an option, or are the folder's own.
+    others = ("measured", "study_file", "kept_study", "plugin_files", "trusted", "fit_start", "n_total")
+    kept = {key: value for key, value in manifest.items() if key not in others}
     plain: dict[str, Any] = json.loads(json.dumps(kept))
     # Enough digits of a file's hash for people.
     plain["inputs"] = {k: v[:12] for k, v in plain["inputs"].items() if Path(k).name not in shown}

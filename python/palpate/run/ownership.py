@@ -15,8 +15,6 @@ from palpate.run.atomic_files import is_temporary, remove_temporary, write_atomi
 
 MARKER, LISTING = ".palpate-run", "files.json"
 
-_MARK = b"palpate made this folder for one run of a study, and writes over its own files in it.\n"
-
 _WRITE, _PLACE = "give write permission or name another folder", "another file or a link is there; move it"
 _FULL, _CHECK = "no space is left on the disk; make room", "cannot be written or read; check the disk"
 _REASONS = {
@@ -58,7 +56,8 @@ def claim(folder: Path) -> None:
     try:
         folder.mkdir(parents=True, exist_ok=True)
         if not (folder / MARKER).is_file():
-            write_atomically(folder / MARKER, _MARK)
+            text = b"palpate made this folder for one run of a study, and writes over its own files in it.\n"
+            write_atomically(folder / MARKER, text)
     except OSError as error:
         raise _refusal(folder, error) from None
 

@@ -70,9 +70,6 @@ class SelectionResult:
 ALL_SPOTS = "all spots"
 """Label of a joint fit."""
 
-_OF_TRACE = ("fit", "scenario", "search", "correction", "step", "n_runs", "fopt", "objective", "message")
-"""Columns of a trace that are no values."""
-
 FIRST_ANSWER = "first answer"
 """Stage after the first fit, and key of its result among what stages of one run share."""
 
@@ -183,7 +180,8 @@ class FitResult:
         rows = rows if joint.is_empty() else joint
         # Ends under different corrections cannot be compared: the last is the best known.
         ends = rows.filter(pl.col("correction") == pl.col("correction").max()).sort("objective")
-        values = ends.head(1).select(pl.all().exclude(_OF_TRACE)).to_dicts()
+        others = ("fit", "scenario", "search", "correction", "step", "n_runs", "fopt", "objective", "message")
+        values = ends.head(1).select(pl.all().exclude(others)).to_dicts()
         return {name: value for row in values for name, value in row.items() if value is not None}
 
     @property

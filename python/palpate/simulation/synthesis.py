@@ -48,8 +48,6 @@ from palpate.study.reading import Study, StudySpot
 NOTE = "origin.json"
 """File next to the curves with the record of their computation."""
 
-_DECIDES = ("study", "units", "versions", "loader", "limb_source", "solver", "protocol")
-
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Synthesis:
@@ -373,11 +371,12 @@ def _note(
 ) -> dict[str, Any]:
     """Record of the computation of the curves."""
     all_of_it = manifest(study, channels)
+    decide = ("study", "units", "versions", "loader", "limb_source", "solver", "protocol")
     regions = {region.region: region for region in study.space.regions}
     return {
         "origin": "simulated by `palpate synthesise` with the study's solver and mesh; "
         "no limb or specimen was touched",
-        **{key: all_of_it[key] for key in _DECIDES},
+        **{key: all_of_it[key] for key in decide},
         "truth": {
             name: {
                 "material": regions[name].material.name,

@@ -107,10 +107,12 @@ def build_spots(context: Context, tables: StudyFile, need_measured: bool = True)
             context.problems.add(
                 (*key, "name"), f"a spot '{table.name}' already exists; give each spot its own name"
             )
-        made = TRUTH_MADE if tables.truth else ""
+        made = ", and `palpate synthesise STUDY` simulates [truth] into it" if tables.truth else ""
         measured = _measured(context, table, key, made, needed=need_measured)
         mesh, fine_mesh = (
-            None if name is None else _file(context, name, (*key, place), MESH_MADE)
+            None
+            if name is None
+            else _file(context, name, (*key, place), ", and `palpate limb SCAN` makes meshes")
             for place, name in (("mesh", table.mesh), ("fine_mesh", table.fine_mesh))
         )
         protocol = _spot_protocol(context, tables.protocol, table, key)
@@ -170,10 +172,6 @@ def _named(context: Context, names: list[str], channel: str, spot: Key) -> Itera
         if name in names[:place]:
             context.problems.add(at, f"'{name}' is listed twice; a repeat is another press, list each once")
         yield name, at
-
-
-MESH_MADE = ", and `palpate limb SCAN` makes meshes"
-TRUTH_MADE = ", and `palpate synthesise STUDY` simulates [truth] into it"
 
 
 def _file(context: Context, name: str, key: Key, made: str, *, needed: bool = True) -> Path:

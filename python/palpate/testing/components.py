@@ -64,13 +64,6 @@ def _young_and_poisson(mu: float, kappa: float) -> tuple[float, float]:
     return 9 * kappa * mu / (3 * kappa + mu), (3 * kappa - 2 * mu) / (6 * kappa + 2 * mu)
 
 
-DIMENSIONAL = re.compile(
-    r"time|duration|length|distance|radius|diameter|depth|height|width|thickness|angle|rotation|edge|size|memory"
-    r"|_(s|mm|m|deg|rad|MB|GB)$"
-)
-"""Names of settings whose value has a unit."""
-
-
 def overridden(by: str) -> Any:  # noqa: ANN401 - a subclass has a fixture of its own type
     """Fixture of a contract that provides nothing: a plugin's suite has to override it."""
 
@@ -88,7 +81,11 @@ def check_described(component: Component) -> None:
     for name, field in type(component.settings).model_fields.items():
         label = f"setting '{name}' of '{component.name}'"
         assert field.description, f"{label} needs a description"
-        if "float" in str(field.annotation) and DIMENSIONAL.search(name):
+        dimensional = (
+            r"time|duration|length|distance|radius|diameter|depth|height|width|thickness|angle|rotation|edge"
+            r"|size|memory|_(s|mm|m|deg|rad|MB|GB)$"
+        )
+        if "float" in str(field.annotation) and re.search(dimensional, name):
             typed = any(isinstance(each, Quantity) for each in field.metadata)
             assert typed or "[" in field.description, (
                 f"{label}: a time, length, angle or size needs its unit; write [mm] in the description, "

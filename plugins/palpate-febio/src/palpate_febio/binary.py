@@ -20,10 +20,6 @@ HOW_TO_GET_IT = (
 MEASURED = ((4, 4), (4, 11))
 """Versions, first and last, whose conventions were measured."""
 
-KNOWN_TO_DIFFER = (
-    "FEBio 3 and older read no 4.0 deck (rigid_bc, MeshDomains and load_controller are spelled otherwise)"
-)
-
 
 @dataclass(frozen=True, slots=True)
 class Binary:
@@ -111,8 +107,8 @@ def examine(path: Path) -> Binary:
     version = found.group(1)
     if not re.match(r"\d+\.\d+", version) or int(version.split(".")[0]) != 4:
         raise PluginError(
-            f"{path}: FEBio {version}, and palpate writes decks for FEBio 4. {KNOWN_TO_DIFFER}; "
-            f"{HOW_TO_GET_IT}"
+            f"{path}: FEBio {version}, and palpate writes decks for FEBio 4. FEBio 3 and older read no 4.0 "
+            f"deck (rigid_bc, MeshDomains and load_controller are spelled otherwise); {HOW_TO_GET_IT}"
         )
     return Binary(path, version, _digest(path))
 

@@ -11,10 +11,6 @@ from palpate.api import IntArray
 from palpate.api.mesh import Support
 
 RIGID_DOFS = ("Rx", "Ry", "Rz", "Ru", "Rv", "Rw")
-NO_DISPLACEMENT = re.compile(
-    r"shell|fluid|pressure|concentration|temperature|rotation|dilatation", re.IGNORECASE
-)
-"""Types of conditions on something else than the displacement of solids."""
 TIED = re.compile(r"(?i)tied|sticky")
 
 
@@ -80,7 +76,8 @@ class DeckSupports:
             body = condition.get("rb") or _text(condition, "rb")
             self._rigid(f"'{title}' ties nodes to", body, nodes)
             return
-        if NO_DISPLACEMENT.search(kind):
+        # Conditions on something else than the displacement of solids.
+        if re.search(r"(?i)shell|fluid|pressure|concentration|temperature|rotation|dilatation", kind):
             return
         axes, is_moved = _axes(condition, kind)
         if axes is None or nodes is None:

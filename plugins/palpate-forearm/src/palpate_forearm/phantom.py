@@ -65,35 +65,6 @@ class Surface:
     colours: FloatArray | None = None
 
 
-FOREARM_SECTIONS = (
-    CrossSection(station_mm=0.0, half_width_mm=27.0, half_height_mm=20.0),
-    CrossSection(station_mm=110.0, half_width_mm=34.0, half_height_mm=27.0),
-    CrossSection(station_mm=220.0, half_width_mm=40.0, half_height_mm=34.0),
-)
-FOREARM_BONES = (
-    PhantomBone(
-        name="radius",
-        start_mm=(-4.0, 12.0, -1.0),
-        end_mm=(224.0, 15.0, -5.0),
-        start_radius_mm=7.5,
-        end_radius_mm=5.5,
-    ),
-    PhantomBone(
-        name="ulna",
-        start_mm=(-4.0, -12.0, -2.0),
-        end_mm=(224.0, -15.0, -7.0),
-        start_radius_mm=5.0,
-        end_radius_mm=7.5,
-    ),
-)
-FOREARM_MARKS = (
-    InkMark(name="p1", station_mm=60.0, angle_deg=75.0, colour=(0.80, 0.08, 0.10)),
-    InkMark(name="p2", station_mm=90.0, angle_deg=110.0, colour=(0.05, 0.55, 0.15)),
-    InkMark(name="p3", station_mm=125.0, angle_deg=70.0, colour=(0.08, 0.20, 0.75)),
-    InkMark(name="p4", station_mm=155.0, angle_deg=95.0, colour=(0.90, 0.78, 0.05)),
-)
-
-
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Phantom:
     """A forearm with bones and marks; the defaults are of an adult's size.
@@ -106,9 +77,33 @@ class Phantom:
         Between the first section and the last.
     """
 
-    sections: tuple[CrossSection, ...] = FOREARM_SECTIONS
-    bones: tuple[PhantomBone, ...] = FOREARM_BONES
-    marks: tuple[InkMark, ...] = FOREARM_MARKS
+    sections: tuple[CrossSection, ...] = (
+        CrossSection(station_mm=0.0, half_width_mm=27.0, half_height_mm=20.0),
+        CrossSection(station_mm=110.0, half_width_mm=34.0, half_height_mm=27.0),
+        CrossSection(station_mm=220.0, half_width_mm=40.0, half_height_mm=34.0),
+    )
+    bones: tuple[PhantomBone, ...] = (
+        PhantomBone(
+            name="radius",
+            start_mm=(-4.0, 12.0, -1.0),
+            end_mm=(224.0, 15.0, -5.0),
+            start_radius_mm=7.5,
+            end_radius_mm=5.5,
+        ),
+        PhantomBone(
+            name="ulna",
+            start_mm=(-4.0, -12.0, -2.0),
+            end_mm=(224.0, -15.0, -7.0),
+            start_radius_mm=5.0,
+            end_radius_mm=7.5,
+        ),
+    )
+    marks: tuple[InkMark, ...] = (
+        InkMark(name="p1", station_mm=60.0, angle_deg=75.0, colour=(0.80, 0.08, 0.10)),
+        InkMark(name="p2", station_mm=90.0, angle_deg=110.0, colour=(0.05, 0.55, 0.15)),
+        InkMark(name="p3", station_mm=125.0, angle_deg=70.0, colour=(0.08, 0.20, 0.75)),
+        InkMark(name="p4", station_mm=155.0, angle_deg=95.0, colour=(0.90, 0.78, 0.05)),
+    )
 
     def __post_init__(self) -> None:
         stations = np.array([s.station_mm for s in self.sections])

@@ -31,13 +31,6 @@ MOST_TRIANGLES, ROW_MM, LIMB = 3000, 42.0, 0.8
 BEST, OTHERS = LINES[0][0], "0.45"
 """Colours of the best candidate of all, and of the others."""
 
-OF_GOAL = {
-    ALL: "mean error of all parameters",
-    WORST: "largest relative error",
-    PREDICTION: "error of the tool's force",
-}
-"""Words for the goals that are no parameter."""
-
 
 def draw(proposal: Proposal, limbs: Mapping[str, Limb], folder: Path) -> list[Path]:
     """Draw ``next.svg``, ``.pdf`` and ``.png``: each spot seen along its normal, with its candidates.
@@ -49,7 +42,12 @@ def draw(proposal: Proposal, limbs: Mapping[str, Limb], folder: Path) -> list[Pa
     n_columns = min(len(spots), N_COLUMNS)
     n_rows = -(-len(spots) // n_columns)
     goal = proposal.goal.name
-    label = f"{OF_GOAL.get(goal, f'error of {goal}')}, after the press over now"
+    words = {
+        ALL: "mean error of all parameters",
+        WORST: "largest relative error",
+        PREDICTION: "error of the tool's force",
+    }
+    label = f"{words.get(goal, f'error of {goal}')}, after the press over now"
     with styled():
         figure = sized(column_mm(n_columns > 1), ROW_MM * n_rows + 8.0)
         axes = figure.subplots(

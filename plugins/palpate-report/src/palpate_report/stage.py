@@ -39,10 +39,6 @@ class CompareOutput(Closed):
     files: list[str]
 
 
-OF_INTERVALS = ("parameter", "unit", "value", "lower", "upper", "identifiability", "verdict", "level")
-"""What JSON has of each value that leads."""
-
-
 class ReportStage(Stage[ReportSettings]):
     """The page of a run, its tables and figures."""
 
@@ -103,6 +99,7 @@ def summary_of(study: Study, report: Report) -> Summary:
     """Conclusion, parameters, warnings and page of a report, with its tables."""
     conclusion = report.conclusion
     pages = [page for page in report.files if page.suffix == ".html"]
+    of_each = ("parameter", "unit", "value", "lower", "upper", "identifiability", "verdict", "level")
     return Summary(
         tables={
             in_words(name): _side_by_side(name, frame)
@@ -117,9 +114,7 @@ def summary_of(study: Study, report: Report) -> Summary:
         values={
             "conclusion": conclusion.sentences,
             "model": {"verdict": conclusion.model.verdict.value, "sentence": conclusion.model.sentence},
-            "intervals": [
-                {name: getattr(each, name) for name in OF_INTERVALS} for each in conclusion.estimates
-            ],
+            "intervals": [{name: getattr(each, name) for name in of_each} for each in conclusion.estimates],
             "warnings": list(map(str, conclusion.warnings)),
             "next": conclusion.next_step,
             "files": report.files,

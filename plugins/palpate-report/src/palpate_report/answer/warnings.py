@@ -154,16 +154,13 @@ def _by_scenario(
 
     ``what`` may have ``{n}``, the number of texts, and a verb with it: ``{is}``, ``{has}`` or ``{do}``.
     """
-    every = list(found)
+    every, one, several = list(found), ("is", "has", "does"), ("are", "have", "do")
     for is_note in (False, True):
         texts = [text for name, text in every if (name != data.generalising.name) == is_note]
-        heading = what.format_map({"n": len(texts)} | _VERBS[len(texts) == 1])
+        verbs = dict(zip(("is", "has", "do"), one if len(texts) == 1 else several, strict=True))
+        heading = what.format_map({"n": len(texts)} | verbs)
         for warning in _listed(code, heading, texts, why):
             yield replace(warning, is_note=is_note)
-
-
-_VERBS = {True: {"is": "is", "has": "has", "do": "does"}, False: {"is": "are", "has": "have", "do": "do"}}
-"""Verbs of one thing, and of several."""
 
 
 def _some(texts: Sequence[str]) -> str:

@@ -11,8 +11,6 @@ import numpy as np
 from palpate.api import Component, PluginError
 from palpate.api.report import Block, Choice, Drawing, Figure, Fold, Lines, Listing, Picture, Table, Word
 
-_TYPES = {b"\x89PNG": "image/png", b"\xff\xd8": "image/jpeg"}
-
 
 def is_own(section: type[Component[Any]]) -> bool:
     """True if a section is the page's own, of palpate-report."""
@@ -126,7 +124,8 @@ def address(picture: Picture) -> str:
         It is of no known kind.
     """
     content = picture.content
-    kind = next((kind for head, kind in _TYPES.items() if content.startswith(head)), "")
+    types = {b"\x89PNG": "image/png", b"\xff\xd8": "image/jpeg"}
+    kind = next((kind for head, kind in types.items() if content.startswith(head)), "")
     if not kind and b"<svg" in content[:2000]:
         kind = "image/svg+xml"
     if not kind:

@@ -144,9 +144,6 @@ def set_log(axis: Axes, *names: str) -> None:
         one.set_minor_formatter(PlainNumbers())
 
 
-INDICES = str.maketrans("0123456789", "₀₁₂₃₄₅₆₇₈₉")
-
-
 GREEK = MappingProxyType(
     {"alpha": "α", "beta": "β", "gamma": "γ", "kappa": "κ", "lambda": "λ", "mu": "μ", "nu": "ν", "tau": "τ"}
 )
@@ -156,7 +153,8 @@ GREEK = MappingProxyType(
 def symbol(name: str) -> str:
     """Name of a parameter in print: ``c1`` with its number lowered, ``mu1`` with a Greek letter."""
     name = re.sub(rf"^(?:{'|'.join(GREEK)})(?=\d|\b)", lambda found: GREEK[found[0]], name)
-    return re.sub(r"(?<=^[^\W\d_])\d+", lambda found: found[0].translate(INDICES), name)
+    lowered = str.maketrans("0123456789", "₀₁₂₃₄₅₆₇₈₉")
+    return re.sub(r"(?<=^[^\W\d_])\d+", lambda found: found[0].translate(lowered), name)
 
 
 def symbols(text: str) -> str:

@@ -97,18 +97,13 @@ LEADING_PICTURES = {
 }
 """Figures of the first screen, next to the card."""
 
-WITHOUT_LIMB = {
-    "stress_strain": "Stress over stretch of the fitted material, with its 95 % band",
-    "intervals": LEADING_PICTURES["intervals"],
-}
-"""Figures of the first screen of a test on a specimen."""
-
 
 def _leading_pictures(
     data: ReportData, conclusion: Conclusion, pictures: Mapping[str, bytes]
 ) -> list[Picture]:
     """Figures of the first screen with their labels; a refused run shows its misfit, and no interval."""
-    labels = LEADING_PICTURES if data.limbs else WITHOUT_LIMB
+    law = {"stress_strain": "Stress over stretch of the fitted material, with its 95 % band"}
+    labels = LEADING_PICTURES if data.limbs else law | {"intervals": LEADING_PICTURES["intervals"]}
     if conclusion.failure:
         name = "generalised" if len(data.spots) > 1 else f"response_{file_name(data.spots[0])}"
         labels = {name: "Measured curves, and the refused fit"}
@@ -244,14 +239,11 @@ def _with_minus(text: Callable[..., str]) -> Callable[..., str]:
     return lambda *values: with_minus(text(*values))
 
 
-ENLARGED = 1.5
-"""Size of a figure on the page over that for print, which is read from less far."""
-
-
 def _width(picture: Picture) -> str:
     """Width of an SVG on the page, in CSS; empty of a picture in pixels."""
     found = re.search(rb'<svg[^>]* width="([\d.]+)pt"', picture.content[:2000])
-    return f"{ENLARGED * float(found[1]):.0f}pt" if found else ""
+    # Larger than in print, which is read from less far.
+    return f"{1.5 * float(found[1]):.0f}pt" if found else ""
 
 
 def _code(text: str) -> Markup:

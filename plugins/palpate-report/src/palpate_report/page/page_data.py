@@ -20,9 +20,6 @@ from palpate_report.figures.space import MOST_PAIRS, colours
 MOST_SETS = 1000
 """Most sets that the page shows; of more, those that fit best somewhere."""
 
-MOST_DRAWS = 400
-"""Most draws of a fit in the parameter space."""
-
 N_COLOURS = 64
 
 
@@ -88,8 +85,8 @@ def _searches(data: ReportData, spot: str, scenario: Scenario) -> list[dict[str,
 
 
 def _draws(data: ReportData, scenario: Scenario) -> list[list[float | None] | None]:
-    """Draws of the fit that leads by parameter; None where a parameter differs from spot to spot."""
-    found = draws_of(data, scenario.name, MOST_DRAWS)
+    """Some draws of the fit that leads by parameter; None where a parameter differs from spot to spot."""
+    found = draws_of(data, scenario.name, 400)
     return [_digits(found[name].to_numpy()) if name in found.columns else None for name in data.brief]
 
 
