@@ -18,10 +18,10 @@ ROOT = Path(__file__).parents[2]
 LONGEST_FILE = 500
 LONGEST_FUNCTION = 45
 MOST = {
-    "lines": 76_814,
-    "lines of the core": 33_221,
+    "lines": 76_746,
+    "lines of the core": 33_189,
     "classes": 654,
-    "constants": 729,
+    "constants": 697,
     "long files": 0,
     "long functions": 6,
     "docstrings without a noun first": 0,
