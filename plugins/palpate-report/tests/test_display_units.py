@@ -98,6 +98,11 @@ def test_what_is_not_searched_is_said_where_the_answer_is(tied):
     assert make_conclusion(tied, {}).facts["Assumed"] == "grip = 50 × stiffness"
 
 
+def test_what_the_solver_has_no_use_for_is_not_assumed(tied, monkeypatch):
+    monkeypatch.setattr(type(tied.study.solver), "ignored", lambda *_: ("grip",), raising=False)
+    assert "Assumed" not in make_conclusion(tied, {}).facts
+
+
 def test_what_is_tied_has_the_unit_of_what_it_follows(tied):
     made, shown = make_tables(tied), make_tables(in_display_units(tied))
     for tables, unit, truth in ((made, "MPa", 20.0), (shown, "kPa", 20000.0)):

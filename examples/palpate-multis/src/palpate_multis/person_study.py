@@ -85,7 +85,8 @@ settings = {{ depth_steps = 4 }}
 [fit]
 
 [budget]
-parameters = {{ "skin.E" = "50 %", "skin.nu" = "1 %", "fat.nu" = "1 %", "muscle.nu" = "1 %" }}
+# The ratio of fat to muscle as uncertain as both moduli of all people: 20 % and 11 %.
+parameters = {{"skin.E" = "50 %", "skin.nu" = "1 %", "fat.E" = "25 %", "fat.nu" = "1 %", "muscle.nu" = "1 %"}}
 
 [selection]
 scenarios = ["III"]

@@ -194,7 +194,7 @@ def _show(session: Session, study: "Study", found: "Proposal") -> None:
     )
     if tables.refused.height:
         session.frame("Refused", tables.refused)
-    for k, step in enumerate(found.steps, 1):
+    for k, step in enumerate([] if found.failure else found.steps, 1):
         chosen = step.chosen.press.press
         widths = intervals.filter(step=k).select("parameter", "width").iter_rows()
         then = ", ".join(f"{name} {width}" for name, width in widths)

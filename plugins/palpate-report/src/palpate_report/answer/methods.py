@@ -95,12 +95,13 @@ def _materials(data: ReportData) -> Iterator[str]:
 
 
 def assumed(data: ReportData, region: RegionMaterial) -> Iterator[str]:
-    """Equations of the parameters that are not searched: fixed, or a factor times another one."""
-    for parameter in region.material.parameters:
+    """Equations of what is fixed, or a factor times another parameter, and has a part in the curves."""
+    ignored = data.study.solver.ignored(region.material)
+    for parameter in (each for each in region.material.parameters if each.name not in ignored):
         name = data.brief_name(region.name_of(parameter.name))
         if parameter.name in region.fixed:
             value, unit = region.fixed[parameter.name], parameter.unit
-            if unit == "MPa":
+            if unit == "MPa" and abs(value) < 10.0:  # beyond, kPa would have too many digits
                 value, unit = convert(f"{value} MPa", data.modulus_unit), data.modulus_unit
             yield f"{name} = {with_unit(f'{value:.4g}', unit)}"
         elif (tie := region.tied.get(parameter.name)) and not isinstance(tie.factor, Parameter):

@@ -239,7 +239,9 @@ def _lead(data: ReportData) -> tuple[str, list[str], str]:
     if best is not None:
         values = [equation(each) for each in (*best.values, *best.moduli)]
         of = f"At {where}" if where != ALL_SPOTS else f"One material for all {len(data.spots)} spots"
-        fopt = f"{'mean ' if where == ALL_SPOTS else ''}Fopt {best.fopt:.2g}{_least(best)}"
+        fopt = f"{'mean ' if where == ALL_SPOTS else ''}Fopt {best.fopt:.2g}"
+        if best.fopt_least is not None and f"{best.fopt_least:.2g}" != f"{best.fopt:.2g}":
+            fopt += f" (the least: {best.fopt_least:.2g})"
         if data.spots_differ(best.scenario):
             of, fopt = f"Mean of {len(data.spots)} spots that differ", "each spot by its own fit"
         least = "at least " if where == ALL_SPOTS else ""
@@ -263,13 +265,6 @@ def equation(value: Headline) -> str:
     """Value of a parameter as an equation, with its unit."""
     shown = "by spot" if value.value is None else f"= {with_unit(value.text, value.unit)}"
     return f"{value.parameter} {shown}"
-
-
-def _least(best: Best) -> str:
-    """Least Fopt of the search in brackets, where it is another than Fopt of the values."""
-    if best.fopt_least is None or f"{best.fopt_least:.2g}" == f"{best.fopt:.2g}":
-        return ""
-    return f" (the least: {best.fopt_least:.2g})"
 
 
 def _spent(data: ReportData) -> str:

@@ -173,8 +173,8 @@ def _about_adequacy(data: ReportData) -> Iterator[ReportWarning]:
         fits = by_remedy.setdefault((each.verdict, each.remedy), {})
         fits.setdefault((each.scenario, each.message), []).append(each.fit)
     for (verdict, remedy), found in by_remedy.items():
-        others = {key: f" and {len(fits) - 1} other fits" if fits[1:] else "" for key, fits in found.items()}
-        texts = [(k[0], f"{fits[0]}{others[k]}, scenario {k[0]}: {k[1]}") for k, fits in found.items()]
+        more = {key: f" and {len(fits) - 1} more" if fits[1:] else "" for key, fits in found.items()}
+        texts = [(k[0], f"{fits[0]}{more[k]}, scenario {k[0]}: {k[1]}") for k, fits in found.items()]
         yield from _by_scenario(data, "model", f"The model {verdict} the data", texts, remedy)
 
 
