@@ -1,5 +1,6 @@
 """Spots whose tissues differ manifold: the mean and the spread are of each spot's own value."""
 
+from dataclasses import replace
 from functools import partial
 from types import SimpleNamespace
 
@@ -10,6 +11,7 @@ from scipy.stats import norm, t as student
 
 from palpate.api import Parameter, StudyError
 from palpate.api.fit import ALL_SPOTS, Box
+from palpate.domain import Prior
 from palpate_certainty import stages
 from palpate_certainty.assessment import Assessment
 from palpate_certainty.between_spots import by_spot, differences
@@ -27,9 +29,13 @@ OWN = (0.035, 0.07, 0.19)
 def assessed_with(pressed, stage_of):
     """Assess presses on spots with values of their own."""
 
-    def made(values):
+    def made(values, prior=None):
         spots = tuple(f"p{i + 1}" for i in range(len(values)))
         study = pressed.study_of(Ogden(), ("c1",), spots=spots)
+        if prior is not None:
+            (region,) = study.space.regions
+            searched = tuple(replace(parameter, prior=prior) for parameter in region.searched)
+            study = replace(study, space=replace(study.space, regions=(replace(region, searched=searched),)))
         of_each = zip(spots, values, range(1, len(values) + 1), strict=True)
         measured = {s: pressed.measured_at(study, np.array([c1]), 0.004, seed) for s, c1, seed in of_each}
         stage = Assessment(study=study, measured=measured)
@@ -97,6 +103,24 @@ def test_the_mean_and_the_spread_are_those_of_the_own_values(assessed_with):
     assert drawn.is_between(parameter.lower, parameter.upper).all()
     assert drawn.min() < min(OWN) < max(OWN) < drawn.max()
     assert held_out(joint)["inside"].all()
+
+
+def test_two_spots_differ_from_each_other_by_twice_the_variance(assessed_with):
+    _, _, assessed = assessed_with((0.06, 0.08))
+    table = held_out(assessed[0])
+    assert table["inside"].all()
+    # Their standard deviation is by this one difference: Student's t of one degree exceeds 1 half the times.
+    assert table["probability"].to_list() == pytest.approx([0.5] * 4, abs=0.1)
+
+
+def test_spots_that_differ_have_intervals_with_a_prior_on_what_they_share(assessed_with):
+    prior = Prior(value=0.07, sd=0.002)
+    study, _, assessed = assessed_with((0.066, 0.071, 0.078), prior)
+    assert assessed[0].errors.between is not None
+    intervals = certainty_tables(assessed, study)["intervals"]
+    (mean,) = intervals.filter(fit=ALL_SPOTS).to_dicts()
+    assert mean["lower"] < prior.value < mean["upper"]
+    assert 0.5 * (mean["upper"] - mean["lower"]) < 2.0 * prior.sd
 
 
 def found_by(residuals, jacobian, causes, rows, points, box, joint):

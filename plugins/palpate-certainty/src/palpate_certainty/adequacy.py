@@ -108,9 +108,8 @@ def misfits(points: LinearProblem, linear: LinearProblem, errors: ResidualErrors
     averaged = groups @ residuals
     within = free.T @ covariance @ free
     jitter = 1e-12 * np.trace(within) / len(within) * np.eye(len(within))
-    explained = (
-        free @ (free.T @ known) @ (known.T @ free @ np.linalg.solve(within + jitter, free.T @ averaged))
-    )
+    seen = free.T @ known
+    explained = free @ seen @ (seen.T @ np.linalg.solve(within + jitter, free.T @ averaged))
     ratio = np.divide(explained, averaged, out=np.zeros_like(averaged), where=averaged != 0.0)
     left = (1.0 - ratio.clip(0.0, 1.0))[np.argmax(groups > 0.0, axis=0)]
     found = {}
@@ -124,9 +123,8 @@ def misfits(points: LinearProblem, linear: LinearProblem, errors: ResidualErrors
             for of, i in zip(shares, curves, strict=True)
             if of.size
         )
-        found[channel] = Misfit(
-            row=int(at[np.argmax(share)]), share=float(share.max()), unexplained=float(max(0.0, *most))
-        )
+        row, largest = int(at[np.argmax(share)]), float(share.max())
+        found[channel] = Misfit(row=row, share=largest, unexplained=float(max(0.0, *most)))
     return found
 
 

@@ -53,9 +53,8 @@ def _compared(
     The sum of squares of correlated normal errors is nearly χ² over degrees of freedom that have its mean
     and variance (Satterthwaite, Biometrics Bulletin 2, 1946); the uncertain scale of the errors makes it F.
     """
-    mean, spread = float(np.trace(covariance)), float((covariance**2).sum())
-    freedom = mean**2 / spread
-    square = float(share @ share)
+    mean, square = float(np.trace(covariance)), float(share @ share)
+    freedom = mean**2 / float((covariance**2).sum())
     probability = float(scipy.stats.f.sf(square / mean, freedom, scale_freedom))
     return {
         "difference": float(np.sqrt(square / n_points)),
@@ -75,18 +74,22 @@ def _predicted(assessed: Assessed, out: BoolArray) -> tuple[FloatArray, FloatArr
     # Where the others tell nothing, a value is anywhere in its range.
     found, there, freedom = rest.density(errors).in_range, linear.jacobian[out], errors.scale.freedom
     others = of_out = linear.columns(errors)
-    new, between = np.zeros_like(found.covariance), errors.between
-    if between is not None:  # the spot has values of its own around the means of the others
-        own, spot = linear.by_spot, linear.rows.spot[out][0]
-        others, rates = own.columns(errors), np.diag(between.rates_to(own.point[spot], linear.box))
-        found = found.mapped(rates, found.centre)
-        new = np.diag((np.diag(rates) * between.sizes) ** 2)
+    new, known = np.zeros_like(found.covariance), assessed.errors.between
+    between, own, spot = errors.between or known, linear.by_spot, linear.rows.spot[out][0]
+    if known is not None and between is not None:  # the spot has values of its own
+        others, rates = own.columns(errors), between.rates_to(own.point[spot], linear.box)
+        # Two spots differ by twice the variance; one and the means of the others, which differ too, by one.
+        sd = np.sqrt(2.0) * known.sizes / known.rates
+        if errors.between is not None:
+            found = found.mapped(np.diag(rates), found.centre)
+            sd[between.shared] = between.sd
+        new = np.diag((rates * between.rates * sd) ** 2)
     covariance = np.sum([part[out] @ part[out].T for part in of_out.values()], axis=0)
     common = np.sum([part[out] @ others[name][kept].T for name, part in of_out.items()], axis=0)
     across = common @ found.through.T @ there.T
     predicted = covariance - across - across.T + there @ (found.covariance + new) @ there.T
     if between is not None:
-        share = np.trace(there @ (found.parts[SPOTS] + new) @ there.T) / np.trace(predicted)
+        share = np.trace(there @ (found.parts.get(SPOTS, 0.0) + new) @ there.T) / np.trace(predicted)
         freedom = between.freedom_with(np.array([share]), freedom)
     return linear.residuals[out] + there @ (found.centre - linear.point), predicted, freedom
 
@@ -94,10 +97,8 @@ def _predicted(assessed: Assessed, out: BoolArray) -> tuple[FloatArray, FloatArr
 def sentence(table: pl.DataFrame) -> str:
     """Sentence on what was held out, the number of curves inside of their bands, and the farthest off."""
     inside, spots = int(table["inside"].sum()), table["spot"].unique(maintain_order=True)
-    bands = (
-        f"inside {'its' if inside == 1 else 'their'} {100.0 * BAND:.0f} % band{'' if inside == 1 else 's'}"
-    )
-    are = f"{'is' if inside == 1 else 'are'} {bands}"
+    verb, its, bands = ("is", "its", "band") if inside == 1 else ("are", "their", "bands")
+    are = f"{verb} inside {its} {100.0 * BAND:.0f} % {bands}"
     text = f"{inside} of {table.height} curves of held-out presses {are}"
     if len(spots) == 1:
         which = f"each curve of the only press ({spots[0]}) was predicted from its other channels"

@@ -147,7 +147,9 @@ class LinearProblem:
     @cached_property
     def free(self) -> FloatArray:
         """Orthonormal directions (n, n - n_parameters) of the residuals that no parameter explains."""
-        free: FloatArray = scipy.linalg.null_space(self.slopes.T)
+        # Priors of what spots share hold the mean alone, where each spot has values of its own.
+        held = (self.rows.channel >= 0) | self.slopes.any(axis=1)
+        free: FloatArray = np.eye(held.size)[:, held] @ scipy.linalg.null_space(self.slopes[held].T)
         return free
 
     @cached_property
@@ -263,8 +265,7 @@ def errors_without(linear: LinearProblem, kept: BoolArray, known: ResidualErrors
     if set(rest.rows.channels) == set(linear.rows.channels) and rest.residuals.size > rest.point.size:
         by = rest if known.between is None else rest.by_spot
         errors = _sizes(by, by.free, tuple(known.noise.correlations), known.noise.common)
-    differ = known.between is not None and rest.has_shared
-    return replace(errors, between=_between(rest, errors) if differ else None)
+    return replace(errors, between=_between(rest, errors) if known.between and rest.has_shared else None)
 
 
 def _between(linear: LinearProblem, errors: ResidualErrors) -> SpotDifferences:
