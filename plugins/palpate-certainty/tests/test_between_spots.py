@@ -29,9 +29,10 @@ OWN = (0.035, 0.07, 0.19)
 def assessed_with(pressed, stage_of):
     """Assess presses on spots with values of their own."""
 
-    def made(values, prior=None):
+    def made(values, prior=None, **budget):
         spots = tuple(f"p{i + 1}" for i in range(len(values)))
         study = pressed.study_of(Ogden(), ("c1",), spots=spots)
+        study = replace(study, budget=study.budget.model_copy(update=budget))
         if prior is not None:
             (region,) = study.space.regions
             searched = tuple(replace(parameter, prior=prior) for parameter in region.searched)
@@ -121,6 +122,19 @@ def test_spots_that_differ_have_intervals_with_a_prior_on_what_they_share(assess
     (mean,) = intervals.filter(fit=ALL_SPOTS).to_dicts()
     assert mean["lower"] < prior.value < mean["upper"]
     assert 0.5 * (mean["upper"] - mean["lower"]) < 2.0 * prior.sd
+
+
+def test_drift_by_the_measured_peak_is_the_same_along_the_curves_of_each_spot(assessed_with):
+    _, _, (joint, *_) = assessed_with((0.06, 0.08), zero=0.01)
+    around, own = joint.linear.known, joint.linear.own.known
+    np.testing.assert_array_equal(own["zero"], around["zero"])
+    assert not np.allclose(own["gain"], around["gain"], rtol=0.05)
+
+
+def test_spots_that_are_alike_are_not_simulated_at_values_of_their_own(assessed_with, monkeypatch):
+    monkeypatch.setattr(Assessment, "_own", lambda *_: pytest.fail("simulated"))
+    _, _, (joint, *_) = assessed_with((0.07, 0.07))
+    assert joint.errors.between is None
 
 
 def found_by(residuals, jacobian, causes, rows, points, box, joint):

@@ -75,10 +75,10 @@ class Assessment:
         The derivatives of causes are taken at the latter.
         """
         ended = [case for case in cases if case.end is not None and case.end.best is not None]
+        found: list[Assessed] = []
         by = next((c for c in ended if c.scenario.name == self.study.generalise_by), None)
         if by is None:
-            return []
-        found: list[Assessed] = []
+            return found
         with self.noting("intervals"):
             self._check_score(by)
             columns, failures = self.columns(by)
@@ -136,8 +136,9 @@ class Assessment:
         """
         assert case.end is not None
         points = self._points(case.end, columns, first, None)
-        points = replace(points, own=self._own(case, cases, points))
         found = self._weighed(case, points, failures, first)
+        if found.errors.between is not None and (own := self._own(case, cases, points, columns)):
+            found = self._weighed(case, replace(points, own=own), failures, first)
         if found.linear.is_like_fopt or found.errors.between is not None:
             return found
         if not self.study.solver.provides.mesh:
@@ -167,7 +168,6 @@ class Assessment:
         """
         end = case.end
         assert end is not None
-        assert end.best is not None
         linear = points.averaged()
         errors = errors_of(linear, first.errors if first else None)
         there, averaged = points, linear
@@ -222,38 +222,39 @@ class Assessment:
             expected={i: self.study.budget.discrepancy_of(name) for i, name in enumerate(channels)},
         )
 
-    def _own(self, case: Case, cases: Sequence[Case], points: LinearProblem) -> LinearProblem | None:
+    def _own(
+        self, case: Case, cases: Sequence[Case], points: LinearProblem, columns: Columns
+    ) -> LinearProblem | None:
         """Problem where each spot's curves are linear around its own fit; None if a spot has none."""
         assert case.end is not None
         whole, states = case.end.problem, self.study.space.states
         ends = {c.label: c.values() for c in cases if c.scenario is case.scenario and c is not case}
         if len(case.spots) < 2 or states or not ends.keys() >= set(case.spots):
             return None
-        residuals, jacobian = points.residuals.copy(), points.jacobian.copy()
+        residuals, jacobian, scaled = points.residuals.copy(), points.jacobian.copy(), dict(columns)
+        nothing = whole.residuals_of_nothing()
         point, weight = np.tile(points.point, (len(case.spots), 1)), len(case.spots) ** -0.5
         for number, term in enumerate(whole.terms):
             alone, rows = whole.restated([term]), np.flatnonzero(points.rows.spot == number)
-            at = alone.point_of(ends[term.spot], exact=True)
-            (found,) = alone.evaluate([Trial(point=at, slopes=True)])
+            (found,) = alone.evaluate([Trial(point=alone.point_of(ends[term.spot], exact=True), slopes=True)])
             if found.jacobian is None:
                 return None
             here = np.flatnonzero([ParameterName.parse(n).counts_at(term.spot) for n in whole.names])
             own, slopes, point[number, here] = linearised(alone.box, found)
             residuals[rows] = weight * own[: rows.size]
             jacobian[np.ix_(rows, here)] = weight * slopes[: rows.size]
-        # Errors are in proportion to the curves.
-        squares = [
-            np.bincount(points.rows.curve, (of - whole.residuals_of_nothing()) ** 2)[points.rows.curve]
-            for of in (points.residuals, residuals)
-        ]
-        times = np.where(points.rows.channel < 0, 1.0, np.sqrt(squares[1] / squares[0]))
-        known = {name: times[:, None] * part for name, part in points.known.items()}
+            for channel in np.unique(points.rows.channel[rows]):
+                at = rows[points.rows.channel[rows] == channel]
+                old, new = (np.linalg.norm((of - nothing)[at]) for of in (points.residuals, residuals))
+                curve = term.spot, points.channels[channel]
+                # What is simulated of an error is in proportion to the curve.
+                scaled[curve] = {cause: new / old * part for cause, part in columns.get(curve, {}).items()}
+        known = self._known(case.end, residuals, points.rows, scaled)
         return replace(points, point=point, residuals=residuals, jacobian=jacobian, known=known)
 
     def _mesh_errors(self, end: Fit, points: LinearProblem) -> Iterator[dict[str, Any]]:
-        if MESH in points.known:
-            errors, residuals = points.known[MESH], points.residuals
-            yield from mesh_errors(self.study, end.problem.terms, residuals, errors, self.meshes)
+        if (errors := points.known.get(MESH)) is not None:
+            yield from mesh_errors(self.study, end.problem.terms, points.residuals, errors, self.meshes)
 
     def _check_score(self, case: Case) -> None:
         """Warn of a score whose residuals are linear in the curves only to first order.
@@ -296,8 +297,7 @@ class Assessment:
         """Check the rests of the case's spots, where any were measured; nothing where the model has them."""
         if self.study.models_relaxation(case.scenario):
             return
-        measured = {spot: self.measured[spot] for spot in case.spots}
-        if found := relaxation_of(measured, self.study.budget.gain):
+        if found := relaxation_of({s: self.measured[s] for s in case.spots}, self.study.budget.gain):
             yield Check(
                 name="relaxation",
                 channel=-1,
