@@ -198,6 +198,27 @@ def test_what_gmsh_writes_twice_is_proposed_once(tmp_path: Path) -> None:
     assert settings["node_sets"] == {"contact": "OUTER", "fixed": "ENDS"}
 
 
+@pytest.mark.parametrize("conditions", ["", "*Boundary\nFixed, 1, 3\n"])
+def test_nodes_and_elements_of_a_face_in_cae_have_one_name(tmp_path: Path, conditions: str) -> None:
+    sets = ""
+    for name, of in (("Pressed_skin", TOP), ("Fixed", HELD)):
+        touched = [k for k, row in enumerate(ROWS, 1) if np.isin(row, of).any()]
+        sets += f"*Nset, nset={name}\n{listed(of)}*Elset, elset={name}\n{listed(touched)}"
+    text = part(sets=sets).replace("nset=TOP", "nset=t").replace("NSET=Bone", "NSET=b")
+    (tmp_path / "m.inp").write_text(text.replace("NSET=cuts", "NSET=c") + conditions)
+    settings = MeshioSource(MeshioSettings()).inspect(tmp_path / "m.inp").record["settings"]
+    assert settings["node_sets"] == {"contact": "Pressed_skin"} | ({} if conditions else {"fixed": "Fixed"})
+    sets_of = load(tmp_path / "m.inp", settings).mesh.node_sets
+    assert {name: of.size for name, of in sets_of.items()} == {"contact": TOP.size, "fixed": HELD.size}
+
+
+def test_a_second_mesh_of_one_part_is_refused(tmp_path: Path) -> None:
+    two = "".join(f"*Instance, name=L-{k}, part=L\n{part()}*End Instance\n" for k in "12")
+    text = f"*Part, name=L\n*End Part\n*Assembly, name=A\n{two}*End Assembly\n"
+    with pytest.raises(MeshError, match="another instance of 'L' has nodes; write a part for each instance"):
+        counts(tmp_path, text)
+
+
 SUPPORTS = {
     "encastre": "*Boundary\nbone, ENCASTRE\ncuts, PINNED\n",
     "ranges of directions": "*BOUNDARY\nbone, 1, 3\ncuts, 1, 3, 0.\n",

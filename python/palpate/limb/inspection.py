@@ -38,7 +38,7 @@ SKIN = re.compile(
 )
 FIXED = re.compile(
     r"(?i)fix|(?<![a-z])h[eo]ld|support|clamp|encast|anchor"
-    r"|(?P<end>cut|base|bottom|schnitt|coupe|corte|taglio|(?<![a-z])ends?(?![a-z]))"
+    r"|(?P<end>cut|base|bottom|schnitt|coupe|corte(?![xz])|taglio|(?<![a-z])ends?(?![a-z]))"
 )
 
 

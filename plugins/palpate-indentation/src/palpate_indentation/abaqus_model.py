@@ -15,16 +15,8 @@ from numpy.typing import NDArray
 
 from palpate.api import MeshError
 
-SOLIDS: Mapping[str, tuple[str, int]] = MappingProxyType(
-    {
-        "4": ("tetra", 4),
-        "5": ("pyramid", 5),
-        "6": ("wedge", 6),
-        "8": ("hexahedron", 8),
-        "10": ("tetra10", 10),
-        "15": ("wedge15", 15),
-        "20": ("hexahedron20", 20),
-    }
+SOLIDS: Mapping[int, str] = MappingProxyType(
+    {4: "tetra", 5: "pyramid", 6: "wedge", 8: "hexahedron", 10: "tetra10", 15: "wedge15", 20: "hexahedron20"}
 )
 SHELLS = re.compile(r"(?:STRI|SFM3D|M3D|R3D|CPS|CPE|DS|S)(\d)[A-Z0-9]*$")
 FLAT: Mapping[int, str] = MappingProxyType({3: "triangle", 4: "quad", 6: "triangle6", 8: "quad8", 9: "quad9"})
@@ -119,6 +111,9 @@ class Model:
                     if part not in self.bodies:
                         raise self.refused(keyword, f"no part '{part}'; define the part before its instance")
                     self.instances[self.title(keyword, "NAME")] = (part, keyword.rows)
+                case "NODE" if self.bodies[part].elements and len(self._instances_of(part)) > 1:
+                    what = f"another instance of '{self.written(part)}' has nodes"
+                    raise self.refused(keyword, f"{what}; write a part for each instance")
                 case _ if keyword.name in GENERATED:
                     raise self.refused(keyword, "it makes nodes or elements; write all of them out")
                 case _ if not self._define(self.bodies[part], keyword, part):
@@ -174,8 +169,8 @@ class Model:
         kind = keyword.options.get("TYPE", "").upper()
         solid = re.fullmatch(r"(?:C3D|DC3D|AC3D)(\d+)[A-Z]*", kind)
         shell = SHELLS.fullmatch(kind)
-        if solid and solid[1] in SOLIDS:
-            meshio, n = SOLIDS[solid[1]]
+        if solid and int(solid[1]) in SOLIDS:
+            meshio, n = SOLIDS[int(solid[1])], int(solid[1])
         elif shell and int(shell[1]) in FLAT:
             meshio, n = FLAT[int(shell[1])], int(shell[1])
         elif NO_LIMB.match(kind):

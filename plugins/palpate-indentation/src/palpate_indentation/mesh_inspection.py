@@ -101,7 +101,7 @@ def _node_sets(content: MeshFile, groups: list[str], findings: list[str]) -> dic
 
 
 def _names(content: MeshFile) -> list[str]:
-    """Names of data and sets with nodes of the volume elements, but not with a name of such elements."""
+    """Names of data and sets with nodes of the volume elements, but not with all nodes of such a group."""
     solid = np.zeros(len(content.points), dtype=np.bool_)
     for kind, cells in content.blocks:
         if kind in VOLUME:
@@ -114,10 +114,13 @@ def _names(content: MeshFile) -> list[str]:
     every = {**marks, **content.point_sets}
     for name, rows in content.cell_sets.items():
         members = [(kind, of[r]) for (kind, of), r in zip(content.blocks, rows, strict=True) if len(r)]
-        if any(kind in VOLUME for kind, _ in members):
-            every.pop(name, None)
-        elif members:
-            every[name] = np.unique(np.concatenate([of.ravel() for _, of in members]))
+        if not members:
+            continue
+        nodes = np.unique(np.concatenate([of.ravel() for _, of in members]))
+        if not any(kind in VOLUME for kind, _ in members):
+            every[name] = nodes
+        elif np.isin(nodes, every.get(name, ())).all():
+            del every[name]
     return [n for n in _plain(every) if 0 < np.count_nonzero(solid[every[n]]) < solid.sum()]
 
 
