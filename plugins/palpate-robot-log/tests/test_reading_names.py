@@ -15,6 +15,7 @@ from palpate_indentation import CsvLoader, CsvSettings
 from palpate_robot_log import RobotLogLoader
 from palpate_robot_log.reading.inspection import inspect_log
 from palpate_robot_log.reading.names import pick, test_of as measures_of, words_of
+from palpate_robot_log.reading.processed_curves import _stepped
 from palpate_robot_log.reading.quantities import time_of
 from palpate_robot_log.reading.raw import Stream
 from palpate_robot_log.robot_log import RobotLogSettings
@@ -236,12 +237,54 @@ def test_sizes_above_the_names_are_of_a_specimen(tmp_path: Path) -> None:
     assert "the length and the area of the specimen" in inspect_log(path).record["problem"]
 
 
+@pytest.mark.parametrize(
+    "above", ["Contact area,20\nSample thickness,9", "Punch area,20\nTissue thickness,9"]
+)
+def test_the_area_of_a_tool_is_of_no_specimen(above: str, tmp_path: Path) -> None:
+    path = written(tmp_path / "t.csv", "Displacement (mm),Load (N)", STRETCH - 1.0, NOMINAL)
+    path.write_text(f"{above}\n\n{path.read_text()}")
+    assert inspect_log(path).record["problem"] == ""
+
+
+@pytest.mark.parametrize("names", ["Depth (mm),Force (N),Size (mm)", "Displacement (mm),Force (N),Step size"])
+@pytest.mark.parametrize("times", [1.0, 100.0])
+def test_a_size_that_is_not_the_specimens_leaves_a_press(names: str, times: float, tmp_path: Path) -> None:
+    path = written(tmp_path / "t.csv", names, STRETCH - 1.0, NOMINAL, times * (STRETCH - 1.0))
+    assert inspect_log(path).record["problem"] == ""
+
+
 @pytest.mark.parametrize("names", ["Depth (mm),Force (N)", "Strain,Stress (kPa)"])
 @pytest.mark.parametrize(("n_steps", "is_asked"), [(10, True), (2, False), (200, False)])
 def test_rests_on_the_way_are_a_question(names: str, n_steps: int, is_asked: bool, tmp_path: Path) -> None:
     depth = np.linspace(0.0, 1.0, n_steps + 1).repeat(400 // n_steps)
     found = inspect_log(written(tmp_path / "t.csv", names, depth, 5.0 * depth))
     assert ("as in stepwise relaxation" in found.record["problem"]) == is_asked
+
+
+WAIT = np.random.default_rng(0).normal(scale=0.002, size=1000)
+
+
+@pytest.mark.parametrize(
+    "depth",
+    [
+        np.r_[np.zeros(800), np.linspace(0.0, 4.0, 200)] + WAIT,
+        np.round(np.r_[np.zeros(300), np.linspace(0.0, 4.0, 200)] + WAIT[:500], 3),
+        np.r_[np.linspace(0.0, 2.0, 100), np.full(300, 2.0), np.linspace(2.0, 4.0, 100)] + WAIT[:500],
+        np.round(np.linspace(0.0, 4.0, 1000), 1),
+        np.linspace(0.0, 4.0, 29).repeat(100),
+    ],
+    ids=["noise before", "rounded noise before", "one rest", "steps of 0.1 mm", "10 Hz in 1 kHz"],
+)
+def test_a_wait_or_a_coarse_depth_is_no_stepwise_test(depth: FloatArray) -> None:
+    assert not [*_stepped(Column(name="Depth (mm)", values=depth))]
+
+
+@pytest.mark.parametrize("n_steps", [4, 10])
+def test_steps_with_noise_and_ramps_are_counted(n_steps: int) -> None:
+    each = np.r_[np.linspace(0.0, 1.0, 15, endpoint=False), np.ones(35)]
+    depth = np.r_[np.zeros(200), *(4.0 / n_steps * (k + each) for k in range(n_steps))]
+    (asked,) = _stepped(Column(name="Depth (mm)", values=depth + WAIT[: depth.size]))
+    assert f"rests {n_steps - 1} times on its way" in asked
 
 
 @pytest.mark.parametrize(("unit", "is_odd"), [("kPa", False), ("MPa", True)])

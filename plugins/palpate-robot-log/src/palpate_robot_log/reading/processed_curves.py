@@ -177,17 +177,26 @@ def _curves(columns: Sequence[Column], stated: str) -> Proposal | None:
             channels[channel]["std"] = _column(spread)
     if not channels:
         return Proposal(questions=tuple(questions)) if questions else None
-    names = {word for column in columns for word in words_of(column.name)}
     if stated == "bending_test":
         ask = "the file states a bending test: give a press, or stress and strain of a specimen"
         return Proposal(test="uniaxial", questions=(ask,))
-    is_shear = stated == "shear" or names & WORDS["shear"]
-    is_pulled = names & WORDS["tensile"] or (stated == "tensile_test" and not names & WORDS["depth"])
-    sizes = (c.values - c.values[0] for c in columns if "size" in words_of(c.name))
-    is_pulled = is_pulled or any(np.nanmax(size) > -np.nanmin(size) for size in sizes)
-    if (is_shear or is_pulled) and FORCE.name in channels:
-        return _specimen(columns, "simple_shear" if is_shear else "uniaxial")
+    if FORCE.name in channels and (mode := _mode_of(columns, stated)):
+        return _specimen(columns, mode)
     return Proposal(entries=_entries(channels), remarks=tuple(remarks), questions=tuple(questions))
+
+
+def _mode_of(columns: Sequence[Column], stated: str) -> str:
+    """Mode of a test of a specimen, also by a size that grows with the travel; empty for a press."""
+    names, way = {word for column in columns for word in words_of(column.name)}, pick(columns, "travel")
+    if stated == "shear" or names & WORDS["shear"]:
+        return "simple_shear"
+    is_pulled = bool(names & WORDS["tensile"])
+    if way is not None and not names & WORDS["depth"]:
+        unit, far = way.column.shown_unit, np.nanmax(abs(way.column.values - way.column.values[0]))
+        alike = [c for c in columns if unit and c.shown_unit == unit and "size" in words_of(c.name)]
+        sizes = [np.nanmax(column.values - column.values[0]) for column in alike]
+        is_pulled |= stated == "tensile_test" or any(far / 2.0 < size < 2.0 * far for size in sizes)
+    return "uniaxial" if is_pulled else ""
 
 
 _SIZES: Mapping[str, tuple[str, str, str]] = {
@@ -279,13 +288,15 @@ def _loading(along: Column) -> tuple[dict[str, Any], list[str]]:
 
 
 def _stepped(along: Column) -> Iterator[str]:
-    """Question for a motion that rests on its way, as in stepwise relaxation."""
+    """Question for a motion that rests at several places on its way, as in stepwise relaxation."""
     away = np.abs(along.values[np.isfinite(along.values)] - along.values[0])
-    way = away[: int(np.argmax(away >= _FARTHEST * np.nanmax(away, initial=0.0)))]
-    n_apart = 1 + way.size // 100
-    rests = np.abs(way[n_apart:] - way[:-n_apart]) < _FLAT * np.max(way, initial=0.0)
-    n_rests = int((np.diff(rests.astype(int)) > 0).sum())
-    if n_rests > 2 and rests.mean() > 0.5:
+    most = np.nanmax(away, initial=0.0)
+    way = away[: int(np.argmax(away >= _FARTHEST * most))]
+    way = way[way > _AT_REST * most]  # without the wait before it
+    n_apart = 2 + way.size // 25  # rows of a rest; in fewer the value may be recorded in coarse steps
+    flat = way[n_apart:][np.abs(way[n_apart:] - way[:-n_apart]) < _FLAT * most]
+    n_rests = 1 + np.count_nonzero(np.diff(np.sort(flat)) > _AT_REST * most)
+    if n_rests > 2 and flat.size + n_rests * n_apart > way.size / 2:
         yield f"{along.name} rests {n_rests} times on its way, as in stepwise relaxation: keep a row of each"
 
 
