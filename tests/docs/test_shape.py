@@ -18,7 +18,7 @@ ROOT = Path(__file__).parents[2]
 LONGEST_FILE = 500
 LONGEST_FUNCTION = 45
 MOST = {
-    "lines": 76_735,
+    "lines": 76_734,
     "lines of the core": 33_173,
     "classes": 654,
     "constants": 697,

@@ -12,11 +12,12 @@ from scipy.stats import norm, t as student
 from palpate.api import Parameter, StudyError
 from palpate.api.fit import ALL_SPOTS, Box
 from palpate.domain import Prior
-from palpate_certainty import stages
+from palpate_certainty import posterior_sampling
 from palpate_certainty.assessment import Assessment
 from palpate_certainty.between_spots import by_spot, differences
 from palpate_certainty.held_out import held_out
 from palpate_certainty.laplace import laplace, scores_of
+from palpate_certainty.posterior_sampling import PosteriorSampling
 from palpate_certainty.tables import certainty_tables, density_of
 from palpate_materials import Ogden
 from palpate_planning.plan import Expected
@@ -73,12 +74,39 @@ def test_budget_combinations_and_plans_have_the_intervals_of_the_mean(assessed_w
     assert np.diff(now.interval(joint.point), axis=0)[0, 0] * width == pytest.approx(length, rel=1e-6)
 
 
-def test_spots_that_differ_have_no_posterior_of_one_value_for_all(monkeypatch):
-    monkeypatch.setattr(stages, "cases_of", lambda _: [])
-    differ = SimpleNamespace(errors=SimpleNamespace(between=object()))
-    shared, folder = {stages.ASSESSED: [differ]}, SimpleNamespace(folder="run")
-    with pytest.raises(StudyError, match="run: no posterior of spots that differ; read their intervals"):
-        stages.Posteriors().run(SimpleNamespace(study=None, shared=shared, directory=folder), None)
+def fit_of(scenario, between):
+    case = SimpleNamespace(scenario=SimpleNamespace(name=scenario), label=ALL_SPOTS)
+    end = SimpleNamespace(problem=None)
+    return SimpleNamespace(case=case, errors=SimpleNamespace(between=between), end=end)
+
+
+@pytest.fixture
+def sampling(monkeypatch):
+    """Sample posteriors, each of which is its fit."""
+    nothing = SimpleNamespace(parameters=())
+    for name in ("SimulatedCurves", "EmulatedCurves"):
+        monkeypatch.setattr(posterior_sampling, name, lambda *_: nothing)
+    methods = {
+        "_first_runs": lambda *_: None,
+        "_sampled": lambda _, each, __: each,
+        "_converged": lambda _, each, __: each,
+        "_profiles": lambda *_: ([], []),
+        "error": lambda *_: 0.0,
+    }
+    for name, method in methods.items():
+        monkeypatch.setattr(PosteriorSampling, name, method)
+    study = SimpleNamespace(generalise_by="I", scenarios=())
+    return PosteriorSampling(study=study, design=None, swept=())
+
+
+def test_spots_that_differ_have_no_posterior_of_one_value_for_all(sampling):
+    with pytest.raises(StudyError, match="the spots differ in every scenario"):
+        sampling.run([], [fit_of("I", object()), fit_of("II", object())])
+
+
+def test_posteriors_are_of_the_joint_fits_whose_spots_are_alike(sampling):
+    fits = [fit_of("I", object()), fit_of("II", None)]
+    assert sampling.run([], fits).posteriors == fits[1:]
 
 
 @pytest.mark.slow

@@ -11,7 +11,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 import scipy
 
-from palpate.api import SILENT, Design, FloatArray, Progress, Simulation
+from palpate.api import SILENT, Design, FloatArray, Progress, Simulation, StudyError
 from palpate.api.fit import RISE, Box, Case, channel_of, least_near
 from palpate.api.runs import Study
 from palpate_certainty.emulated_curves import (
@@ -99,7 +99,7 @@ class ProfileEnd:
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Sampled:
-    """Result of the stage; of the main scenario the first posterior, and all profiles.
+    """Result of the stage; all profiles are of the first posterior, of the main scenario if it has one.
 
     Parameters
     ----------
@@ -135,11 +135,14 @@ class PosteriorSampling:
     progress: Progress = SILENT
 
     def run(self, cases: Sequence[Case], assessed: Sequence[Assessed]) -> Sampled | None:
-        """Sample every scenario of the joint fit; None where that has no intervals."""
+        """Sample every scenario of the joint fit whose spots are alike; None where that has no intervals."""
         main = next((a for a in assessed if a.case.scenario.name == self.study.generalise_by), None)
         if main is None:
             return None
-        joint = [main, *(a for a in assessed if a is not main and a.case.label == main.case.label)]
+        every = [main, *(a for a in assessed if a is not main and a.case.label == main.case.label)]
+        if not (joint := [each for each in every if each.errors.between is None]):
+            why = "no posterior of one value for all: the spots differ in every scenario"
+            raise StudyError(f"{why}; read the values of each with `palpate intervals`")
         weighed = {channel_of(name) for each in self.study.scenarios for name in each.weighed}
         simulated = SimulatedCurves(main.end.problem, sorted(weighed))
         runs = self._first_runs(simulated, [case for case in cases if case.label == main.case.label])

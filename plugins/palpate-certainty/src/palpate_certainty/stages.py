@@ -171,10 +171,6 @@ class Posteriors(Stage):
         study = inputs.study
         cases = cases_of(inputs)
         assessed = inputs.shared.get(ASSESSED) or assessment_of(inputs, cases).assessed(cases)
-        if any(each.errors.between is not None for each in assessed):
-            raise StudyError(
-                f"{inputs.directory.folder}: no posterior of spots that differ; read their intervals"
-            )
         stage = PosteriorSampling(study=study, design=inputs.design, swept=inputs.swept(), progress=progress)
         if (sampled := stage.run(cases, assessed)) is None:
             raise no_intervals(inputs)
