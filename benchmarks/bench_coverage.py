@@ -295,10 +295,10 @@ def experiment(
             for spot in spots
         }
     stage = stage_of(study, measured)
-    case = stage.run()[0]
+    case, *others = stage.run()
     meshes = dict.fromkeys(spots, MESHES)
     certainty = Assessment(study=study, measured=measured, meshes=meshes)
-    assessed = certainty.assess(case, *certainty.columns(case))
+    assessed = certainty.assess(case, *certainty.columns(case), cases=others)
     box = assessed.end.problem.box
     truth = (np.append(row, list(also.values())) - box.lower) / (box.upper - box.lower)
     found = {"failed": [check.name for check in assessed.checks if check.verdict is not Adequacy.DESCRIBES]}
