@@ -56,7 +56,7 @@ def _with_motion(text: str, measured: Response) -> str:
         own["depth"] = f'"{measured[FORCE.name].abscissa.max():.4g} mm"'
     if TORQUE.name in measured:
         curve = measured[TORQUE.name]
-        turns = [round(float(curve.abscissa[stop - 1]), 2) for _, stop in curve.branches]
+        turns = [round(float(curve.abscissa[stop - 1]), 2) + 0.0 for _, stop in curve.branches]
         # A curve of more turns is no motion that can be copied.
         if len(turns) <= 6:
             own["twist"] = toml_value([f"{turn:g} deg" for turn in turns])
