@@ -224,8 +224,7 @@ class Session:
 
 def visible(text: str) -> str:
     """Spell out control characters, so that no name or message can steer the terminal."""
-    codes = (*range(32), *range(127, 160))
-    return text.translate({code: f"\\u{code:04x}" for code in codes if chr(code) not in "\n\t"})
+    return re.sub(r"[\x00-\x08\x0b-\x1f\x7f-\x9f]", lambda found: f"\\u{ord(found[0]):04x}", text)
 
 
 def _console(*, stderr: bool = False) -> "Console":

@@ -65,11 +65,10 @@ def thread_limits(n_threads: int) -> dict[str, str]:
 
     OpenBLAS has one: on small matrices its threads wait for each other.
     """
-    counted = ("OMP", "MKL", "NUMEXPR", "RAYON")
-    names = [f"{each}_NUM_THREADS" for each in counted]
+    names = ("OMP_NUM_THREADS", "MKL_NUM_THREADS", "NUMEXPR_NUM_THREADS", "RAYON_NUM_THREADS")
     # XLA takes NPROC for the size of its pools.
-    names += ["VECLIB_MAXIMUM_THREADS", "POLARS_MAX_THREADS", "NPROC"]
-    limits = dict.fromkeys(names, str(n_threads)) | {"OPENBLAS_NUM_THREADS": "1"}
+    others = ("VECLIB_MAXIMUM_THREADS", "POLARS_MAX_THREADS", "NPROC")
+    limits = dict.fromkeys((*names, *others), str(n_threads)) | {"OPENBLAS_NUM_THREADS": "1"}
     if n_threads == 1:
         flags = os.environ.get("XLA_FLAGS", "")
         limits["XLA_FLAGS"] = f"{flags} --xla_cpu_multi_thread_eigen=false".strip()

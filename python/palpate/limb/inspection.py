@@ -83,8 +83,10 @@ def likely_sets(names: Sequence[str], regions: Sequence[str] = ()) -> tuple[str 
     held = [name for name in names if name not in skins[:1] and (name in of_bone or _is_fixed(name))]
     held = ["fixed"] if "fixed" in held else held
     free = [name for name in names if name not in (*skins[:1], *held)] if held else []
-    unused = f"not used: {', '.join(free)}; if the limb is held there, add the name to fixed"
-    return next(iter(skins), None), held or bones(regions)[0], [unused] * bool(free)
+    unused = (
+        [f"not used: {', '.join(free)}; if the limb is held there, add the name to fixed"] if free else []
+    )
+    return next(iter(skins), None), held or bones(regions)[0], unused
 
 
 def _is_fixed(name: str) -> bool:

@@ -173,7 +173,7 @@ def _with_priors(mean: Laplace, shared: IntArray, prior: Sequence[FloatArray], b
 def _mean(each: Laplace, sd: FloatArray, shared: IntArray, others: IntArray) -> Laplace:
     """Density of the means, by the errors of each spot alone, and of the other parameters.
 
-    Else slightly unequal effects of a common error would be told from the differences, and the mean would
+    Else slightly unequal effects of a common error would pass for differences, and the mean would
     leave the own values, which come first in ``each``.
     """
     n = each.centre.size - others.size

@@ -133,13 +133,13 @@ class LinearProblem:
             own=self.own and self.own.only(kept),
         )
 
-    @property
+    @cached_property
     def by_spot(self) -> "LinearProblem":
         """Problem where each spot has shared parameters of its own."""
         n_spots = int(self.rows.spot.max()) + 1
         return self.own or replace(self, point=np.tile(self.point, (n_spots, 1)))
 
-    @property
+    @cached_property
     def slopes(self) -> FloatArray:
         """Slopes (n, m) of the residuals, of shared parameters at each spot where each has its own."""
         return self.jacobian if self.point.ndim == 1 else by_spot(self.jacobian, self.rows)

@@ -154,11 +154,11 @@ def _by_scenario(
 
     ``what`` may have ``{n}``, the number of texts, and a verb with it: ``{is}``, ``{has}`` or ``{do}``.
     """
-    every, one, several = list(found), ("is", "has", "does"), ("are", "have", "do")
+    every = list(found)
+    one, several = {"is": "is", "has": "has", "do": "does"}, {"is": "are", "has": "have", "do": "do"}
     for is_note in (False, True):
         texts = [text for name, text in every if (name != data.generalising.name) == is_note]
-        verbs = dict(zip(("is", "has", "do"), one if len(texts) == 1 else several, strict=True))
-        heading = what.format_map({"n": len(texts)} | verbs)
+        heading = what.format_map({"n": len(texts)} | (one if len(texts) == 1 else several))
         for warning in _listed(code, heading, texts, why):
             yield replace(warning, is_note=is_note)
 

@@ -41,10 +41,7 @@ def page_data(data: ReportData) -> dict[str, Any]:
         ],
         "draws": [_draws(data, scenario) for scenario in data.study.scenarios],
         "contours": [_contours(data, scenario) for scenario in data.study.scenarios],
-        "along": [
-            [found and dict(zip("xy", map(_digits, found), strict=True)) for found in each]
-            for each in ([along(data, s.name, name) for name in data.brief] for s in data.study.scenarios)
-        ],
+        "along": [_along(data, scenario) for scenario in data.study.scenarios],
         "limits": {"colour": 2.5, "fopt": 4.0, "pairs": MOST_PAIRS},
         "colours": [mpl.colors.to_hex(c) for c in colours()(np.linspace(0.0, 1.0, N_COLOURS))],
         "searches": [[_searches(data, spot, s) for s in data.study.scenarios] for spot in data.spots],
@@ -101,6 +98,12 @@ def _contours(data: ReportData, scenario: Scenario) -> dict[str, list[dict[str, 
         ]
         for plane, lines in found.items()
     }
+
+
+def _along(data: ReportData, scenario: Scenario) -> list[dict[str, Any] | None]:
+    """Fopt along each parameter, the others fitted again."""
+    found = [along(data, scenario.name, name) for name in data.brief]
+    return [None if each is None else {"x": _digits(each[0]), "y": _digits(each[1])} for each in found]
 
 
 # ---------------------------------------------------------------------- sets

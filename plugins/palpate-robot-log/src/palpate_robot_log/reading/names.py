@@ -265,7 +265,8 @@ def test_of(strain: Column, stress: Column, columns: Sequence[Column], stated: S
         ["" if name == "nominal" else name for name, words in _MEASURES[of_which].items() if words & names]
         for of_which, names in (("strain", along), ("stress", of))
     )
-    kind = kind or ["true"] * ("kirchhoff" in of and "piola" not in of)  # J σ, and J is 1
+    if not kind and "kirchhoff" in of:
+        kind = [] if "piola" in of else ["true"]  # Kirchhoff's stress is J σ, and J is 1
     if {"piola"} & of and not kind:
         questions.append(f'{stress.name}: first or second Piola-Kirchhoff? write stress = "nominal" or "pk2"')
     elif not kind and (
@@ -277,7 +278,8 @@ def test_of(strain: Column, stress: Column, columns: Sequence[Column], stated: S
             questions.append(f"{column.name}: the name has two measures; write one in the settings")
     of_mode = WORDS["shear"] | WORDS["biaxial"] | WORDS["tensile"] | WORDS["compressive"]
     kinds = [] if both & of_mode else _kinds_in(stated)
-    questions += ["the text above the names has several tests: write the mode"] * (len(kinds) > 1)
+    if len(kinds) > 1:
+        questions.append("the text above the names has several tests: write the mode")
     mode = _mode_of(both := both.union(*kinds, stated & {"pure"}) if len(kinds) == 1 else both)
     remarks = (f"the text above the names states {mode}; correct it if that is wrong",) * (len(kinds) == 1)
     is_open = mode == "uniaxial" and not both & WORDS["tensile"]

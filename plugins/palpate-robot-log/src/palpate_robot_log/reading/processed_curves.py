@@ -240,7 +240,8 @@ def _placed(depth: Picked, force: Picked) -> tuple[dict[str, Any], list[str]]:
     is_there = np.isfinite(depth.column.values) & np.isfinite(force.column.values)
     x, y = depth.column.values[is_there], force.column.values[is_there]
     press = "a press is assumed, as the file states no test; of a specimen give stress and strain"
-    remarks = [f"check {depth.column.name}: {press}"] * WORDS["depth"].isdisjoint(words_of(depth.column.name))
+    is_depth = bool(WORDS["depth"] & {*words_of(depth.column.name)})
+    remarks = [] if is_depth else [f"check {depth.column.name}: {press}"]
     if x.size < 2 or not np.ptp(x) or not np.ptp(y):
         return {"abscissa": _column(depth), "ordinate": _column(force)}, remarks
     farthest = int(np.argmax(np.abs(x - x[0])))
@@ -260,8 +261,10 @@ def _placed(depth: Picked, force: Picked) -> tuple[dict[str, Any], list[str]]:
         zero = f", offset = {shift * (depth.factor or 1.0):.6g}" if shift else ""
         turned = "its sign is turned" if sense < 0.0 else "depth is 0 there"
         remarks.append(f"{depth.column.name} {way}: {turned}{zero}")
-    remarks += [f"{force.column.name} falls under load: its sign is turned"] * (push < 0.0)
-    remarks += [f"{force.column.name} is {free:.4g} in free air, which is subtracted"] * bool(free)
+    if push < 0.0:
+        remarks.append(f"{force.column.name} falls under load: its sign is turned")
+    if free:
+        remarks.append(f"{force.column.name} is {free:.4g} in free air, which is subtracted")
     settings: dict[str, Any] = {
         "abscissa": _column(depth, sense, shift * (depth.factor or 1.0)),
         "ordinate": _column(force, push, -push * free * (force.factor or 1.0)),
@@ -359,7 +362,8 @@ def _homogeneous(columns: Sequence[Column], stated: Set[str]) -> Proposal | None
     columns_of |= {key: of for key, of in (("strain", test.strain), ("stress", test.stress)) if of}
     rows, rests = _loading(along.column)
     questions = [*test.questions, *_open(along, stress, columns, is_stretch=is_stretch)]
-    remarks += [f"check {along.column.name}: a nominal strain is assumed"] * bool(test.stress and is_nominal)
+    if test.stress and is_nominal:
+        remarks = [*remarks, f"check {along.column.name}: a nominal strain is assumed"]
     size, span = ((one.factor or 1.0) * float(np.ptp(one.column.values)) for one in (stress, along))
     if stress.factor and not 1e-5 < size / max(span, 1e-300) < 50.0:
         stiff = f"a stiffness of {size / span:.3g} MPa is of no soft tissue"
