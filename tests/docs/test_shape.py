@@ -18,8 +18,8 @@ ROOT = Path(__file__).parents[2]
 LONGEST_FILE = 500
 LONGEST_FUNCTION = 45
 MOST = {
-    "lines": 76_734,
-    "lines of the core": 33_173,
+    "lines": 76_679,
+    "lines of the core": 33_063,
     "classes": 654,
     "constants": 697,
     "long files": 0,

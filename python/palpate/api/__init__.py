@@ -64,10 +64,7 @@ if TYPE_CHECKING:
         Settings as Settings,
         SettingsT as SettingsT,
     )
-    from palpate.domain.indenter import (
-        Indenter as Indenter,
-        Sphere as Sphere,
-    )
+    from palpate.domain.indenter import Indenter as Indenter, Sphere as Sphere
     from palpate.domain.material import (
         AnisotropicMaterial as AnisotropicMaterial,
         IsotropicMaterial as IsotropicMaterial,
@@ -98,31 +95,13 @@ if TYPE_CHECKING:
         SetFilter as SetFilter,
         Solver as Solver,
     )
-    from palpate.plugins.motion import (
-        Motion as Motion,
-    )
-    from palpate.plugins.provides import (
-        Provides as Provides,
-    )
+    from palpate.plugins.motion import Motion as Motion
+    from palpate.plugins.provides import Provides as Provides
     from palpate.plugins.sections import Summary as Summary
-    from palpate.plugins.table import (
-        OF_ROW as OF_ROW,
-        StageTable as StageTable,
-        TableColumn as TableColumn,
-    )
-    from palpate.progress import (
-        SILENT as SILENT,
-        Progress as Progress,
-        about as about,
-    )
-    from palpate.stages.stage import (
-        Run as Run,
-        Stage as Stage,
-    )
-    from palpate.units import (
-        Quantity as Quantity,
-        convert as convert,
-    )
+    from palpate.plugins.table import OF_ROW as OF_ROW, StageTable as StageTable, TableColumn as TableColumn
+    from palpate.progress import SILENT as SILENT, Progress as Progress, about as about
+    from palpate.stages.stage import Run as Run, Stage as Stage
+    from palpate.units import Quantity as Quantity, convert as convert
 
 if not TYPE_CHECKING:
     __getattr__ = deferred(__name__)

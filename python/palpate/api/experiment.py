@@ -5,9 +5,7 @@ from typing import TYPE_CHECKING
 from palpate.lazy_imports import deferred
 
 if TYPE_CHECKING:
-    from palpate.domain.curves import (
-        abscissae_of as abscissae_of,
-    )
+    from palpate.domain.curves import abscissae_of as abscissae_of
     from palpate.domain.equilibrium_states import (
         POSE as POSE,
         STATE_COLUMNS as STATE_COLUMNS,
@@ -15,9 +13,7 @@ if TYPE_CHECKING:
         WRENCH as WRENCH,
         EquilibriumStates as EquilibriumStates,
     )
-    from palpate.domain.relaxing import (
-        dwell_times as dwell_times,
-    )
+    from palpate.domain.relaxing import dwell_times as dwell_times
     from palpate.domain.waypoints import (
         DEPTH as DEPTH,
         MOST_TILT_DEG as MOST_TILT_DEG,

@@ -40,13 +40,8 @@ if TYPE_CHECKING:
         InspectedTable as InspectedTable,
         Inspection as Inspection,
     )
-    from palpate.run.atomic_files import (
-        write_atomically as write_atomically,
-    )
-    from palpate.toml_text import (
-        toml_document as toml_document,
-        toml_value as toml_value,
-    )
+    from palpate.run.atomic_files import write_atomically as write_atomically
+    from palpate.toml_text import toml_document as toml_document, toml_value as toml_value
 
 if not TYPE_CHECKING:
     __getattr__ = deferred(__name__)

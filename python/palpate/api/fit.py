@@ -36,10 +36,7 @@ if TYPE_CHECKING:
         word_of as word_of,
         worst_of as worst_of,
     )
-    from palpate.domain import (
-        channel_of as channel_of,
-        weighed_phases as weighed_phases,
-    )
+    from palpate.domain import channel_of as channel_of, weighed_phases as weighed_phases
     from palpate.fit.alike import (
         changed_like as changed_like,
         correction_like as correction_like,
@@ -51,9 +48,7 @@ if TYPE_CHECKING:
         linear_least as linear_least,
         slopes_at as slopes_at,
     )
-    from palpate.fit.box import (
-        Box as Box,
-    )
+    from palpate.fit.box import Box as Box
     from palpate.fit.fitted import (
         Fitted as Fitted,
         inputs_at as inputs_at,
@@ -61,10 +56,7 @@ if TYPE_CHECKING:
         relaxing_space as relaxing_space,
         relaxing_thetas as relaxing_thetas,
     )
-    from palpate.fit.mesh_correction import (
-        MOVED_ERROR as MOVED_ERROR,
-        fine_run as fine_run,
-    )
+    from palpate.fit.mesh_correction import MOVED_ERROR as MOVED_ERROR, fine_run as fine_run
     from palpate.fit.parametrisation import (
         GAIN as GAIN,
         OFFSET as OFFSET,
@@ -72,19 +64,10 @@ if TYPE_CHECKING:
         StandardParametrisation as StandardParametrisation,
         StandardSettings as StandardSettings,
     )
-    from palpate.fit.problem import (
-        Problem as Problem,
-        Simulate as Simulate,
-    )
-    from palpate.fit.reported import (
-        reported_fits as reported_fits,
-    )
-    from palpate.fit.running import (
-        Fit as Fit,
-    )
-    from palpate.fit.searches import (
-        BestSet as BestSet,
-    )
+    from palpate.fit.problem import Problem as Problem, Simulate as Simulate
+    from palpate.fit.reported import reported_fits as reported_fits
+    from palpate.fit.running import Fit as Fit
+    from palpate.fit.searches import BestSet as BestSet
     from palpate.fit.spot_term import (
         Correction as Correction,
         NotRankedError as NotRankedError,
@@ -93,12 +76,8 @@ if TYPE_CHECKING:
         pieces as pieces,
         term_of as term_of,
     )
-    from palpate.fit.stage import (
-        Case as Case,
-    )
-    from palpate.limb.loading import (
-        refinement as refinement,
-    )
+    from palpate.fit.stage import Case as Case
+    from palpate.limb.loading import refinement as refinement
     from palpate.plugins.parametrisation import (
         Parametrisation as Parametrisation,
         SpotInputs as SpotInputs,
@@ -122,9 +101,7 @@ if TYPE_CHECKING:
         WIDENED as WIDENED,
         FitResult as FitResult,
     )
-    from palpate.stages.core_stages import (
-        cases_of as cases_of,
-    )
+    from palpate.stages.core_stages import cases_of as cases_of
 
 if not TYPE_CHECKING:
     __getattr__ = deferred(__name__)

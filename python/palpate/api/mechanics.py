@@ -24,14 +24,8 @@ if TYPE_CHECKING:
         stress as stress,
         stress_and_tangent as stress_and_tangent,
     )
-    from palpate.mechanics.homogeneous import (
-        MODES as MODES,
-        nominal_stress as nominal_stress,
-    )
-    from palpate.plugins.energy_form import (
-        EnergyForm as EnergyForm,
-        StandardMaterial as StandardMaterial,
-    )
+    from palpate.mechanics.homogeneous import MODES as MODES, nominal_stress as nominal_stress
+    from palpate.plugins.energy_form import EnergyForm as EnergyForm, StandardMaterial as StandardMaterial
 
 if not TYPE_CHECKING:
     __getattr__ = deferred(__name__)

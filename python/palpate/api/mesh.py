@@ -11,11 +11,7 @@ if TYPE_CHECKING:
         likely_sets as likely_sets,
         region_name as region_name,
     )
-    from palpate.limb.supports import (
-        FixedNodes as FixedNodes,
-        Support as Support,
-        fixed_nodes as fixed_nodes,
-    )
+    from palpate.limb.supports import FixedNodes as FixedNodes, Support as Support, fixed_nodes as fixed_nodes
     from palpate.mesh.layers import (
         layer_of as layer_of,
         nodes_of_regions as nodes_of_regions,
@@ -32,12 +28,7 @@ if TYPE_CHECKING:
         half_space as half_space,
         layer as layer,
     )
-    from palpate.mesh.splitting import (
-        SOLIDS as SOLIDS,
-        Cut as Cut,
-        curved as curved,
-        cut as cut,
-    )
+    from palpate.mesh.splitting import SOLIDS as SOLIDS, Cut as Cut, curved as curved, cut as cut
     from palpate.mesh.spot_frame import (
         NEAR as NEAR,
         RIM as RIM,

@@ -11,9 +11,7 @@ if TYPE_CHECKING:
         interpolate as interpolate,
         nmse as nmse,
     )
-    from palpate.plugins.score import (
-        Score as Score,
-    )
+    from palpate.plugins.score import Score as Score
 
 if not TYPE_CHECKING:
     __getattr__ = deferred(__name__)

@@ -69,8 +69,11 @@ def load_measured(study: Study, channels: Mapping[str, Channel]) -> dict[str, Re
     channels : mapping of name to Channel
         What each channel is measured over.
 
-    A CurveError where a file cannot be read, a channel that a scenario weights is missing at every spot, a
-    curve does not cover the protocol, or repeated presses differ in their path.
+    Raises
+    ------
+    CurveError
+        A file cannot be read, a channel that a scenario weights is missing at every spot, a curve
+        does not cover the protocol, or repeated presses differ in their path.
     """
     return {name: mean(presses) for name, presses in load_presses(study, channels).items()}
 
@@ -94,7 +97,10 @@ def read_first(study: Study) -> Response:
 def mean(presses: Presses) -> Response:
     """Average the presses of a spot channel by channel, with the rests and the record of each file.
 
-    A CurveError where the presses differ in their path.
+    Raises
+    ------
+    CurveError
+        The presses differ in their path.
     """
     curves: dict[str, Curve] = {}
     averages: dict[str, object] = {}
@@ -168,7 +174,10 @@ def draw_files(study: Study, spot: StudySpot, folder: Path) -> tuple[Path, ...]:
     folder : Path
         Exists; gets a folder for each file, named after it.
 
-    A CurveError where a file cannot be loaded; the pictures up to there exist.
+    Raises
+    ------
+    CurveError
+        A file cannot be loaded; the pictures up to there exist.
     """
     loader = study.loader_at(spot.spot.name)
     drawn: list[Path] = []
@@ -283,7 +292,10 @@ def check_covers(
     does and as often, and be within it for at least ``minimum_coverage`` of its points. A curve over
     time may end with any move. Only channels over what the protocol prescribes are checked.
 
-    A CurveError has the covered and the required travel.
+    Raises
+    ------
+    CurveError
+        With the covered and the required travel.
     """
     asked, unit = protocol.columns.get(channel.abscissa), channel.units[0]
     if asked is None:

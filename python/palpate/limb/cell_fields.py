@@ -14,7 +14,10 @@ from palpate.errors import MeshError, StudyError
 def with_fields(limb: Limb, regions: Iterable[RegionMaterial]) -> Limb:
     """Limb with only the cell fields that its materials use, checked.
 
-    A MeshError where a field is missing or has no finite value, or no direction, in an element.
+    Raises
+    ------
+    MeshError
+        A field is missing or has no finite value, or no direction, in an element.
     """
     mesh, kept = limb.mesh, {}
     for region in regions:

@@ -26,7 +26,10 @@ def check_fine(coarse: Limb, fine: Limb, near_mm: float, place: str) -> None:
     place : str
         Where the study file names the finer mesh.
 
-    A MeshError names the region, or the part whose bounding boxes differ.
+    Raises
+    ------
+    MeshError
+        Naming the region, or the part whose bounding boxes differ.
     """
     one, other = coarse.mesh, fine.mesh
     if one.used_regions != other.used_regions:
@@ -85,7 +88,10 @@ def check_limb(limb: Limb, regions: Sequence[str]) -> None:
     regions : sequence of str
         Regions that have a material; a limb may lack some.
 
-    A MeshError names the element, node or region.
+    Raises
+    ------
+    MeshError
+        Naming the element, node or region.
     """
     mesh = limb.mesh
     for problem in _array_problems(mesh):
@@ -104,7 +110,10 @@ def check_limb(limb: Limb, regions: Sequence[str]) -> None:
 def check_depth(limb: Limb, protocol: Indentation) -> None:
     """Refuse an indentation that passes through the limb, such as of a mesh in another unit.
 
-    A MeshError names the depth and how far the limb reaches below the spot.
+    Raises
+    ------
+    MeshError
+        Naming the depth and how far the limb reaches below the spot.
     """
     reach = float(((limb.spot.position_mm - limb.mesh.points_mm) @ limb.spot.normal).max())
     deepest = float(protocol.path[:, 0].max())

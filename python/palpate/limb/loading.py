@@ -33,7 +33,10 @@ def load_limbs(study: Study, *, to_show: bool = False) -> dict[str, Limb]:
     Empty when the solver needs none. With ``to_show`` finer meshes are left out, and limbs without their
     mesh file: what has been simulated needs neither.
 
-    A MeshError where a mesh cannot be read or simulated.
+    Raises
+    ------
+    MeshError
+        A mesh cannot be read or simulated.
     StudyError
         The solver needs a mesh and the study names none.
     """
@@ -64,7 +67,10 @@ def load_limbs(study: Study, *, to_show: bool = False) -> dict[str, Limb]:
 def finer_limb(study: Study, spot: StudySpot, limbs: Mapping[str, Limb]) -> Limb | None:
     """Finer mesh of a spot for its press, checked: that among ``limbs``, or its mesh refined; None: none.
 
-    A MeshError where it is not finer, or not of the same limb.
+    Raises
+    ------
+    MeshError
+        It is not finer, or not of the same limb.
     """
     name = spot.spot.name
     coarse, fine = limbs[name], limbs.get(f"{name}{FINE}") if spot.fine_mesh else None

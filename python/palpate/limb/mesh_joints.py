@@ -13,7 +13,10 @@ from palpate.mesh.topology import CELLS
 def check_joints(limb: Limb) -> None:
     """Refuse a limb with an element listed twice, with two nodes at one place, or with a separate part.
 
-    A MeshError names the elements or nodes, and where they are.
+    Raises
+    ------
+    MeshError
+        Naming the elements or nodes, and where they are.
     """
     mesh = limb.mesh
     for kind, cells in mesh.cells.items():

@@ -92,7 +92,10 @@ def fixed_nodes(
     unused : iterable of str
         Warnings of what else may hold nodes in the file.
 
-    A MeshError where nothing is named, and no condition of the file holds a node.
+    Raises
+    ------
+    MeshError
+        Nothing is named, and no condition of the file holds a node.
     """
     if named is not None:
         return FixedNodes(nodes=named, warnings=tuple(_not_named(supports, in_limb, named, setting)))

@@ -34,7 +34,10 @@ HOLDS = ("MPC", "EQUATION", "KINEMATICCOUPLING", "DISTRIBUTINGCOUPLING", "EMBEDD
 def read_abaqus(path: Path) -> MeshFile:
     """Contents of an input file, with those that it includes from its own folder.
 
-    A MeshError where something cannot be read; with the line, and what to do.
+    Raises
+    ------
+    MeshError
+        Something cannot be read; with the line, and what to do.
     """
     model = Model(path).read()
     supports, warnings = _Conditions(model).read()

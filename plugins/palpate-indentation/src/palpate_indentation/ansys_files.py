@@ -224,7 +224,10 @@ class _Archive:
 def read_ansys(path: Path) -> MeshFile:
     """Contents of a blocked archive.
 
-    A MeshError where something cannot be read; with the line, and what to do.
+    Raises
+    ------
+    MeshError
+        Something cannot be read; with the line, and what to do.
     """
     archive = _Archive(path)
     index = archive.index

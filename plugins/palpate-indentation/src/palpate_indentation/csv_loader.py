@@ -177,7 +177,10 @@ class Table(Protocol):
 def read_curves(table: Table, known: Mapping[str, ChannelColumns], channel: str | None) -> Response:
     """Curves in a table, by the columns of each channel, or of the only channel of the file.
 
-    A CurveError has file, row and column.
+    Raises
+    ------
+    CurveError
+        With file, row and column.
     """
     wanted = known if channel is None else {channel: _columns_of(channel, known, table)}
     curves = {}
@@ -222,8 +225,11 @@ class CsvLoader(ExperimentLoader[CsvSettings]):
         channel : str, optional
             The only channel of the file.
 
-        A CurveError where the settings have no columns for a channel, columns for one that the curves lack,
-        or one column for two of them.
+        Raises
+        ------
+        CurveError
+            The settings have no columns for a channel, columns for one that the curves
+            lack, or one column for two of them.
         """
         import polars as pl
 

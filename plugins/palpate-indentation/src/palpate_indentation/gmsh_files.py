@@ -53,7 +53,10 @@ _Groups = Mapping[tuple[int, int], list[int]]
 def read_gmsh(path: Path) -> MeshFile | None:
     """Contents of a text file of version 2 or 4.1; None for another one.
 
-    A MeshError where it has elements of another type, or is cut off.
+    Raises
+    ------
+    MeshError
+        It has elements of another type, or is cut off.
     """
     sections = _sections(path)
     version, is_binary = (sections.get("MeshFormat", "") + " 0 1").split()[:2]

@@ -47,7 +47,10 @@ UNREADABLE = (ValueError, LookupError, ArithmeticError, TypeError, AttributeErro
 def read_mesh_file(path: Path) -> MeshFile:
     """Read any format of meshio, in a subprocess with limits of memory and time.
 
-    A MeshError where the file is missing, of an unknown format, broken, or needs too much memory or time.
+    Raises
+    ------
+    MeshError
+        The file is missing, of an unknown format, broken, or needs too much memory or time.
     """
     if not path.is_file():
         raise MeshError(f"{path}: no such file; check the path of the mesh")
@@ -66,7 +69,10 @@ def read_mesh_file(path: Path) -> MeshFile:
 def read_here(path: Path) -> MeshFile:
     """Read a file in this process, which should be a subprocess for it.
 
-    A MeshError as of :func:`read_mesh_file`.
+    Raises
+    ------
+    MeshError
+        As :func:`read_mesh_file`.
     """
     _refuse_outside(path)
     if (reader := READERS.get(path.suffix.lower())) is not None:

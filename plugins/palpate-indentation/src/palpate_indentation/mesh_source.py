@@ -98,15 +98,21 @@ class MeshioSource(LimbSource[MeshioSettings]):
     def inspect(cls, path: Path, other: Path | None = None) -> Inspection:
         """Look into a mesh file; it has no second one.
 
-        A MeshError where the file cannot be read.
+        Raises
+        ------
+        MeshError
+            The file cannot be read.
         """
         return inspect_mesh(path, read_mesh_file(path), cls)
 
     def load(self, path: Path, spot: Spot) -> Limb:
         """Read the mesh of one spot.
 
-        A MeshError where the file cannot be read, or an array in it is missing or malformed; the message
-        names what the file has.
+        Raises
+        ------
+        MeshError
+            The file cannot be read, or an array in it is missing or malformed;
+            the message names what the file has.
         """
         settings = self.settings
         content = read_mesh_file(path)

@@ -41,7 +41,10 @@ def chosen(path: Path, content: MeshFile, points_mm: FloatArray, choices: list[C
         Of the mesh file.
     points_mm : (n_nodes, 3) array
 
-    A MeshError where a choice has no node, or names something that the file does not have.
+    Raises
+    ------
+    MeshError
+        A choice has no node, or names something that the file does not have.
     """
     nodes = [_nodes(path, content, points_mm, choice) for choice in choices]
     return np.unique(np.concatenate(nodes)).astype(np.int64)

@@ -54,7 +54,10 @@ class RobotLogLoader(ExperimentLoader[RobotLogSettings]):
     def load(self, path: Path, channel: str | None = None) -> Response:
         """Curves of the last press that counts of one log, or the one of the channel that is wanted.
 
-        A CurveError names file, rows, time stamps and what to do.
+        Raises
+        ------
+        CurveError
+            Naming file, rows, time stamps and what to do.
         """
         return list(self.load_presses(path, channel).values())[-1]
 

@@ -356,7 +356,10 @@ def windowed(recording: Recording, settings: ProcessingSettings) -> Recording:
 def process(recording: Recording, settings: ProcessingSettings | None = None) -> Processed:
     """Curves of one press, by the steps that the settings choose, in their order.
 
-    A CurveError where the log is no complete press: naming file, rows, time stamps and what to do.
+    Raises
+    ------
+    CurveError
+        The log is no complete press: naming file, rows, time stamps and what to do.
     """
     settings = settings or ProcessingSettings()
     log, thinning = windowed(recording, settings), settings.thinning

@@ -138,7 +138,10 @@ def stroke_end(
     moving_s : float
         How long the whole stroke takes.
 
-    A TooFewRowsError where no window has more rows than there are unknowns.
+    Raises
+    ------
+    TooFewRowsError
+        No window has more rows than there are unknowns.
     """
     tried: list[ChangePoint] = []
     for share in (0.5, 0.35, 0.25, 0.15):  # windows of a stroke from which its end is read

@@ -61,8 +61,10 @@ def process_cycles(
 ) -> Cycles:
     """Process every cycle of a log; ``cycle`` chooses those that count.
 
-    A CurveError where a cycle that counts is no complete press, or is not there; or they are of several
-    spots.
+    Raises
+    ------
+    CurveError
+        A cycle that counts is no complete press, or is not there; or they are of several spots.
     """
     parts = parts_of(windowed(recording, settings))
     n = len(parts)

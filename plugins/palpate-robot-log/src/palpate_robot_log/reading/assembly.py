@@ -357,7 +357,10 @@ def clock_offset_s(position: Series, force: Series) -> float:
     together: both are large while the tool presses and retracts, and the push changes most where a press
     ends and a retraction begins.
 
-    A CurveError where they do not agree at any shift.
+    Raises
+    ------
+    CurveError
+        They do not agree at any shift.
     """
     away = position.values - position.values[0]
     along = np.linalg.svd(away - away.mean(axis=0), full_matrices=False)[2][0]

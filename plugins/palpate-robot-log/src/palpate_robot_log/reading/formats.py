@@ -45,8 +45,10 @@ def read_log(
     columns, streams : sequence of str, optional
         Columns of a table, and topics of a bag; all when left out.
 
-    A CurveError where it is missing, too large, damaged or of no known format, or reading exceeds the
-    limits.
+    Raises
+    ------
+    CurveError
+        It is missing, too large, damaged or of no known format, or reading exceeds the limits.
     """
     own = limits or ReadingLimits()
     _check_size(path, own)
