@@ -18,9 +18,9 @@ ROOT = Path(__file__).parents[2]
 LONGEST_FILE = 500
 LONGEST_FUNCTION = 45
 MOST = {
-    "lines": 76_679,
-    "lines of the core": 33_063,
-    "classes": 654,
+    "lines": 76_885,
+    "lines of the core": 33_101,
+    "classes": 655,
     "constants": 697,
     "long files": 0,
     "long functions": 6,

@@ -1,6 +1,7 @@
 """Pictures of a log show what was done to it."""
 
 import numpy as np
+import polars as pl
 import pytest
 from hypothesis import given, strategies as st
 from matplotlib import rcParams
@@ -67,13 +68,22 @@ def test_five_pictures_are_written_and_nobodys_style_changes(processed, tmp_path
     before = dict(rcParams)
     files = (draw_recording(processed.raw, tmp_path), *draw_processed(processed, tmp_path))
     assert [file.name for file in files] == [
-        "1_as_read.png", "2_tared.png", "3_phases.png", "4_onset.png", "5_curves.png",
+        "1_as_read.png", "2_tared.png", "3_phases.png", "4_onset.png", "5_curves.png", "over_time.csv",
     ]  # fmt: skip
-    for file in files:
+    for file in files[:-1]:
         pixels = imread(file)
         assert min(pixels.shape[:2]) > 300
         assert np.ptp(pixels[..., :3]) > 0.5
     assert dict(rcParams) == before
+
+
+def test_the_table_over_time_has_the_whole_press_in_the_clock_of_the_log(processed, figures, tmp_path):
+    table = pl.read_csv(draw_processed(processed, tmp_path)[-1])
+    assert table.columns == ["time_s", "depth_mm", "rotation_deg", "force_N", "torque_Nmm"]
+    assert list(table["time_s"][[0, -1]]) == pytest.approx([0.0, processed.raw.time_s[-1]])
+    assert table["depth_mm"].max() == pytest.approx(10.0, abs=0.05)
+    assert table["rotation_deg"].abs().max() == pytest.approx(20.0, abs=0.05)
+    assert table["force_N"].max() == pytest.approx(0.4 * 10.0**1.5, abs=0.2)
 
 
 def test_every_phase_is_named_and_shaded_in_every_panel(processed, figures, tmp_path):

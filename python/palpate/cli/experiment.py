@@ -17,7 +17,12 @@ if TYPE_CHECKING:
     from palpate.plugins.optional import Inspection
 
 Plots = Annotated[
-    bool, typer.Option("--plots", help="Draw every step from file to curve into measured/plots/.")
+    bool,
+    typer.Option(
+        "--plots",
+        help="Draw every step from file to curve into measured/plots/, and all curves with a common cursor "
+        "on the page measured/curves.html.",
+    ),
 ]
 
 
@@ -70,9 +75,12 @@ def experiment(
     heads = ["spot", "channel", "points", "presses", "over", "values", "largest sd"]
     session.table("Measured curves", heads, cells)
     show_cycles(session, measured)
+    directory = RunDirectory(folder)
     if plots:
         session.note(f"pictures in {folder / 'measured' / 'plots'}")
-    run = read_run(checked, RunDirectory(folder), session.plugins)
+        if directory.curves_page.is_file():
+            session.say(f"Page  {directory.curves_page.resolve().as_uri()}")
+    run = read_run(checked, directory, session.plugins)
     session.next(f"{command_after(run, 'experiment')} {study} --out {folder}", f"written to {folder}; ")
 
 

@@ -97,7 +97,8 @@ class LoadingDrawer(Protocol):
         """Draw how :meth:`load` processes a file.
 
         Pictures that can be drawn are worth having even of a file that cannot be loaded: draw
-        those before raising what :meth:`load` raises.
+        those before raising what :meth:`load` raises. A table ``over_time.csv`` next to them is drawn on
+        the page of the experiment: ``time_s`` and quantities named as columns of channels, like ``depth_mm``.
 
         Parameters
         ----------
@@ -120,7 +121,7 @@ class LoadingDrawer(Protocol):
 
 @runtime_checkable
 class PressDrawer(Protocol):
-    """A stage that draws the measured curves of a spot, for ``palpate experiment --plots``."""
+    """A stage that draws the measured curves, for ``palpate experiment --plots``."""
 
     def draw_presses(
         self,
@@ -146,6 +147,29 @@ class PressDrawer(Protocol):
         -------
         tuple of Path
             What was written to ``folder``.
+        """
+
+    def draw_experiment(
+        self,
+        study: str,
+        presses: Mapping[str, Mapping[str, Response]],
+        pictures: Mapping[str, Path],
+        channels: Mapping[str, Channel],
+        notice: str,
+        page: Path,
+    ) -> None:
+        """Write one HTML page with all measured curves of a study.
+
+        Parameters
+        ----------
+        study : str
+            Name of the study.
+        presses : mapping of spot to mapping of file to Response
+            All curves.
+        pictures : mapping of spot to Path
+            Folders in which the loader drew its files.
+        page : Path
+            File to write.
         """
 
 

@@ -5,7 +5,7 @@
     study.toml              as run
     inputs/                 the study and the files that it names, so that the folder can be moved
     manifest.json           versions, hashes of the inputs, units, normaliser, conventions, seed
-    measured/<spot>.parquet  measured/<spot>.json  measured/plots/<spot>/
+    measured/<spot>.parquet  measured/<spot>.json  measured/plots/<spot>/  measured/curves.html
     design.parquet  design.json
     ledger.sqlite           simulations: states, attempts, timings, reasons, curves, states of the skin
     TABLE.parquet           tables that the stages declare
@@ -233,6 +233,11 @@ class RunDirectory:
     def plots(self, spot: str) -> Path:
         """Folder of the pictures of a spot's presses."""
         return self.folder / "measured" / "plots" / file_name(spot)
+
+    @property
+    def curves_page(self) -> Path:
+        """Page of all measured curves."""
+        return self.folder / "measured" / "curves.html"
 
     def design(self) -> Design:
         """Read the design with its parameters."""

@@ -326,7 +326,7 @@ def measure(
     """Read the measured curves into ``measured/<spot>.parquet``.
 
     With ``plots`` every step from file to curve is drawn into ``measured/plots/<spot>/``,
-    also for a refused file, up to the step that fails.
+    also for a refused file, up to the step that fails; ``measured/curves.html`` shows all curves.
     """
     progress.begin("measure", 1)
     directory, stages = RunDirectory(run_folder), stages_of(study, plugins)
@@ -348,11 +348,12 @@ def measure(
         directory.initialise(study, plugins.channels)
         directory.write_stage("experiment", measured_files(measured), made_from)
         directory.write_measured_to_manifest(study)
-        for name, folder in folders.items():
-            for stage in stages.values():
-                if isinstance(stage, PressDrawer):
-                    found = presses[name].responses
-                    stage.draw_presses(name, found, measured[name], plugins.channels, study.notice, folder)
+        for stage in (each for each in stages.values() if plots and isinstance(each, PressDrawer)):
+            every = {name: found.responses for name, found in presses.items()}
+            for name, folder in folders.items():
+                stage.draw_presses(name, every[name], measured[name], plugins.channels, study.notice, folder)
+            page = directory.curves_page
+            stage.draw_experiment(study.name, every, folders, plugins.channels, study.notice, page)
     for text in _measured_warnings(study, measured):
         progress.note(f"warning: {text}")
     progress.step()

@@ -94,6 +94,20 @@ class ReportStage(Stage[ReportSettings]):
 
         return drawings.draw_presses(spot, presses, mean, channels, notice, folder)
 
+    def draw_experiment(
+        self,
+        study: str,
+        presses: Mapping[str, Mapping[str, Response]],
+        pictures: Mapping[str, Path],
+        channels: Mapping[str, Channel],
+        notice: str,
+        page: Path,
+    ) -> None:
+        """Write the page of all curves, as in :class:`palpate.plugins.optional.PressDrawer`."""
+        from palpate_report.page.measured import write_measured_page
+
+        write_measured_page(study, presses, pictures, channels, notice, page)
+
 
 def summary_of(study: Study, report: Report) -> Summary:
     """Conclusion, parameters, warnings and page of a report, with its tables."""

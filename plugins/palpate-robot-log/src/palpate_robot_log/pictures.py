@@ -7,12 +7,13 @@ from typing import Any, cast
 
 import matplotlib as mpl
 import numpy as np
+import polars as pl
 from matplotlib.axes import Axes
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
 from scipy.spatial.transform import Rotation
 
-from palpate.api import FORCE, FloatArray, IntArray
+from palpate.api import EQUILIBRIUM_CHANNELS, FORCE, FloatArray, IntArray
 from palpate_report.api import STYLE
 from palpate_robot_log.processing.chain import Processed
 from palpate_robot_log.processing.cycles import Cycles
@@ -57,13 +58,30 @@ def draw_recording(recording: Recording, folder: Path) -> Path:
 
 
 def draw_processed(processed: Processed, folder: Path) -> tuple[Path, ...]:
-    """Draw ``2_tared.png``, ``3_phases.png``, ``4_onset.png`` and ``5_curves.png``."""
+    """Draw ``2_tared.png``, ``3_phases.png``, ``4_onset.png``, ``5_curves.png``; write ``over_time.csv``."""
     return (
         _draw_tared(processed, folder),
         _draw_phases(processed, folder),
         _draw_onset(processed, folder),
         _draw_curves(processed, folder),
+        _write_over_time(processed, folder),
     )
+
+
+def _write_over_time(processed: Processed, folder: Path) -> Path:
+    """Table of depth, rotation and shift, then of force and torque, over the time of the log."""
+    signals = {
+        channel: signal
+        for channel in EQUILIBRIUM_CHANNELS
+        if (signal := processed.signals.get(channel.name)) and signal.branches
+    }
+    motion = {channel.abscissa: signal.abscissa for channel, signal in signals.items()}
+    values = motion | {channel.ordinate: signal.ordinate for channel, signal in signals.items()}
+    rows = np.unique(np.concatenate([envelope(each) for each in values.values()]))
+    frame = pl.DataFrame({"time_s": processed.motion.time_s, **values})[rows]
+    path = folder / "over_time.csv"
+    frame.write_csv(path, float_precision=5)
+    return path
 
 
 def _draw_tared(processed: Processed, folder: Path) -> Path:

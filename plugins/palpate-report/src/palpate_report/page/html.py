@@ -89,7 +89,7 @@ def _figures(blocks: Iterable[Block]) -> Iterator[Figure]:
             yield from _figures(block.options)
 
 
-_FOLDER = Path(__file__).parent
+FOLDER = Path(__file__).parent
 
 LEADING_PICTURES = {
     "limbs": "The limb with its bones and the indenter at each spot",
@@ -149,7 +149,7 @@ def render(
         SVG of each figure by its name.
     """
     style, *scripts = (
-        (_FOLDER / name).read_text(encoding="utf-8") for name in ("page.css", "skin.js", "page.js")
+        (FOLDER / name).read_text(encoding="utf-8") for name in ("page.css", "skin.js", "page.js")
     )
     script = "\n".join(scripts)
     source, packed = library()
@@ -174,7 +174,7 @@ def render(
         style=Markup(style),
         script=Markup(script),
         library=packed,
-        policy=_policy(script, source),
+        policy=content_policy(script, source),
     )
 
 
@@ -184,8 +184,8 @@ def comparison_page(title: str, blocks: Sequence[Block], files: Sequence[Path]) 
         title=title,
         blocks=blocks,
         files=_by_stem(files),
-        style=Markup((_FOLDER / "page.css").read_text(encoding="utf-8")),
-        policy=_policy(),
+        style=Markup((FOLDER / "page.css").read_text(encoding="utf-8")),
+        policy=content_policy(),
     )
 
 
@@ -193,7 +193,7 @@ def comparison_page(title: str, blocks: Sequence[Block], files: Sequence[Path]) 
 def template(name: str = "index.html.jinja") -> jinja2.Template:
     """Return a page, compiled once in a process."""
     environment = jinja2.Environment(
-        loader=jinja2.FileSystemLoader(_FOLDER),
+        loader=jinja2.FileSystemLoader(FOLDER),
         autoescape=True,
         undefined=jinja2.StrictUndefined,
         trim_blocks=True,
@@ -222,7 +222,7 @@ def library() -> tuple[str, str]:
     return source, base64.b64encode(zlib.compress(source.encode(), 9)).decode()
 
 
-def _policy(*scripts: str) -> str:
+def content_policy(*scripts: str) -> str:
     """Policy of the page: it may run these scripts, and load nothing from anywhere."""
     hashes = (base64.b64encode(hashlib.sha256(s.encode()).digest()).decode() for s in scripts)
     allowed = " ".join(f"'sha256-{digest}'" for digest in hashes)

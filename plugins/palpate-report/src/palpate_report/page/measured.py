@@ -1,0 +1,136 @@
+"""The page of all measured curves, each figure with a cursor that is common to its axis.
+
+``measured.html.jinja`` is its frame, ``cursor.js`` moves the cursors and lists the values under them.
+"""
+
+import io
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass
+from datetime import datetime
+from pathlib import Path
+from textwrap import fill
+from typing import Any
+
+import polars as pl
+from markupsafe import Markup
+from matplotlib.backends.backend_svg import FigureCanvasSVG
+
+from palpate.api import Channel, FloatArray, Response
+from palpate.api.experiment import TIME
+from palpate.api.files import write_atomically
+from palpate.api.report import Picture
+from palpate_report.data.showable import plain
+from palpate_report.figures.style import LINES, finished, sized, styled
+from palpate_report.page.html import FOLDER, content_policy, template
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Line:
+    """Curves of one press at a spot over one axis: by label, places on the axis (n,) and values (n,)."""
+
+    spot: str
+    press: str
+    curves: dict[str, tuple[FloatArray, FloatArray]]
+
+
+def write_measured_page(
+    study: str,
+    presses: Mapping[str, Mapping[str, Response]],
+    pictures: Mapping[str, Path],
+    channels: Mapping[str, Channel],
+    notice: str,
+    page: Path,
+) -> None:
+    """Write the page; for the arguments see :class:`palpate.plugins.optional.PressDrawer`."""
+    views: dict[str, list[Line]] = {}
+    for spot, found in presses.items():
+        for axis, line in (*_logged(spot, pictures[spot], channels), *_read(spot, found, channels)):
+            views.setdefault(axis, []).append(line)
+    drawn: list[dict[str, Any]] = [
+        {"axis": axis, "figures": [_figure(axis, some, notice) for some in _by_spots(lines)]}
+        for axis, lines in views.items()
+    ]
+    style, script = ((FOLDER / name).read_text(encoding="utf-8") for name in ("page.css", "cursor.js"))
+    text = template("measured.html.jinja").render(
+        study=study,
+        notice=notice,
+        date=datetime.now().astimezone().date().isoformat(),
+        views=drawn,
+        data=[[figure["data"] for figure in view["figures"]] for view in drawn],
+        style=Markup(style),
+        script=Markup(script),
+        policy=content_policy(script),
+    )
+    write_atomically(page, text.encode())
+
+
+def _logged(spot: str, pictures: Path, channels: Mapping[str, Channel]) -> Iterator[tuple[str, Line]]:
+    """Quantities over time that a loader has written next to its pictures."""
+    labels = {c.abscissa: c.abscissa_label for c in channels.values()}
+    labels |= {c.ordinate: c.ordinate_label for c in channels.values()}
+    for file in sorted(pictures.rglob("over_time.csv")):
+        frame = pl.read_csv(file, infer_schema_length=None).cast(pl.Float64)
+        time = frame[TIME].to_numpy() - frame[TIME][0]
+        curves = {
+            labels.get(name, name): (time, frame[name].to_numpy()) for name in frame.columns if name != TIME
+        }
+        yield "time (s)", Line(spot=spot, press=file.parent.relative_to(pictures).as_posix(), curves=curves)
+
+
+def _read(
+    spot: str, presses: Mapping[str, Response], channels: Mapping[str, Channel]
+) -> Iterator[tuple[str, Line]]:
+    """Curves that the loader gives, by the label of their abscissa."""
+    for file, response in presses.items():
+        found: dict[str, Line] = {}
+        for name, curve in response.curves.items():
+            axis, label = channels[name].abscissa_label, channels[name].ordinate_label
+            line = found.setdefault(axis, Line(spot=spot, press=file, curves={}))
+            line.curves[label] = curve.abscissa, curve.ordinate
+        yield from found.items()
+
+
+def _by_spots(lines: Sequence[Line]) -> Iterator[list[Line]]:
+    """Lines of as many spots as have looks of their own."""
+    spots = list(dict.fromkeys(line.spot for line in lines))
+    for start in range(0, len(spots), len(LINES)):
+        some = spots[start : start + len(LINES)]
+        yield [line for line in lines if line.spot in some]
+
+
+def _figure(axis: str, lines: Sequence[Line], notice: str) -> dict[str, Any]:
+    """Picture of panels over one axis, and the numbers of its lines."""
+    labels = list(dict.fromkeys(label for line in lines for label in line.curves))
+    looks = dict(zip(dict.fromkeys(line.spot for line in lines), LINES, strict=False))
+    content = io.BytesIO()
+    with styled():
+        figure = sized(
+            100.0, 28.0 * len(labels) + 18.0
+        )  # text to read on a phone, next to it values on a screen
+        panels = list(figure.subplots(len(labels), 1, squeeze=False, sharex=True)[:, 0])
+        for panel, label in zip(panels, labels, strict=True):
+            panel.set_ylabel(fill(label, 19))
+            for line in (each for each in lines if label in each.curves):
+                colour, dash = looks[line.spot]
+                panel.plot(*line.curves[label], color=colour, linestyle=dash, label=line.spot)
+        panels[-1].set_xlabel(axis)
+        figure.align_ylabels()
+        canvas: Any = FigureCanvasSVG(finished(figure, panels, notice))
+        canvas.print_svg(content, metadata={"Date": None})
+    first, last, spots = panels[0].get_position(), panels[-1].get_position(), ", ".join(looks)
+    return {
+        "picture": Picture(label=f"{', '.join(labels)} over {axis}: {spots}", content=content.getvalue()),
+        "spots": spots,
+        "columns": labels,
+        "rows": [line.spot if len(lines) == len(looks) else f"{line.spot}, {line.press}" for line in lines],
+        "data": {
+            "box": plain([first.x0, last.x1, 1.0 - first.y1, 1.0 - last.y0]),
+            "ends": plain(panels[0].get_xlim()),
+            "lines": [[_thinned(line.curves.get(label)) for label in labels] for line in lines],
+        },
+    }
+
+
+def _thinned(curve: tuple[FloatArray, FloatArray] | None, most: int = 1000) -> list[list[float]] | None:
+    """Numbers of a curve as JSON, at most so many; None where there is no curve."""
+    return curve and [plain(each[:: -(-each.size // most)]) for each in curve]
