@@ -188,9 +188,11 @@ class StageProgress:
 
     def _print_line(self) -> None:
         self._last_line, steps = time.monotonic(), self._shown
-        done = f"{steps.done} of {steps.total}: " if steps.total else ""
-        line = f"{self._stage}: {done}{self._counts()}"
-        self._console.print(_joined(line.rstrip(" :"), steps.time_left(), self._place), markup=False)
+        done = f"{steps.done} of {steps.total}" if steps.total > 1 else ""
+        line = ": ".join(filter(None, (self._stage, done, self._counts())))
+        line = _joined(line, steps.time_left(), self._place)
+        if line != self._stage:  # it was named when it began
+            self._console.print(line, markup=False)
 
     def _second_line(self) -> str:
         """Part of a line that a narrow terminal may cut."""
@@ -253,6 +255,11 @@ class _Steps:
     notes: Counter[str] = field(default_factory=Counter)
     failed: str = ""
 
+    @property
+    def count(self) -> str:
+        """Steps that ended of all; empty for a stage of one step."""
+        return "" if self.total == 1 else f"{self.done}/{self.total or '?'}"
+
     def time_left(self) -> str:
         """Time to come: as it was forecast, else at the pace so far."""
         now = time.monotonic()
@@ -272,7 +279,7 @@ def _joined(*parts: str) -> str:
 
 def _bars(console: Any, side: Callable[[], str]) -> "Progress":  # noqa: ANN401 - rich's, imported only here
     """Bars with count, time left and failures at any width, and the ``side`` on a line below them."""
-    from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeElapsedColumn
+    from rich.progress import BarColumn, Progress, TextColumn, TimeElapsedColumn
     from rich.table import Column
     from rich.text import Text
 
@@ -291,7 +298,7 @@ def _bars(console: Any, side: Callable[[], str]) -> "Progress":  # noqa: ANN401 
 
     return Bars(
         TextColumn("{task.description}"),
-        MofNCompleteColumn(),
+        TextColumn("{task.fields[steps].count}"),
         TimeColumn(),
         TextColumn("{task.fields[steps].failed}", style="red"),
         BarColumn(bar_width=None, table_column=Column(ratio=1, max_width=20)),
