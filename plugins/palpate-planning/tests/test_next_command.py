@@ -11,6 +11,7 @@ import pytest
 import palpate_materials
 from palpate.domain import Job
 from palpate.errors import StudyError
+from palpate.plugins.sections import rounded_rows
 from palpate.run.directory import RunDirectory
 from palpate.run.ledger import Ledger
 from palpate.study.reading import read_options
@@ -170,7 +171,7 @@ def test_a_ranking_is_shown_in_percent_with_units():
     assert {"skin.c1", "fat.c1"} < set(shown_ranking(two, {}).columns)
 
 
-def test_intervals_are_shown_with_four_digits():
+def test_intervals_are_shown_with_their_own_digits():
     row = {
         "step": 0,
         "parameter": "skin.c1",
@@ -180,7 +181,7 @@ def test_intervals_are_shown_with_four_digits():
         "upper": 14.612345,
     }
     shown = shown_intervals(pl.DataFrame([row | {"width": 0.973, "mesh_bias": 0.4567}]))
-    assert shown.row(0) == (0, "c1", "kPa", "13.97", "13", "14.61", "97 %", "0.46")
+    assert rounded_rows(shown) == [(0, "c1", "kPa", "14.0", "13.0", "14.6", "97 %", "0.46")]
 
 
 def test_a_press_is_compared_with_what_was_expected_of_it():

@@ -201,7 +201,7 @@ def test_the_stated_difference_of_the_mean_stress_is_that_of_the_formula(program
 
 def test_a_card_states_units_moduli_and_intervals():
     card = PROGRAMS["abaqus"](data("yeoh", intervals={"c1": (0.0139, 0.0143)}))
-    assert "** fitted: c1 = 0.0141 MPa (95 % interval 0.0139 to 0.0143; well)" in card
+    assert "** fitted: c1 = 0.01410 MPa (95 % interval 0.01390 to 0.01430; well)" in card
     assert "** fixed: kappa = 0.8 MPa\n" in card
     assert "** initial moduli: shear 0.0282 MPa, bulk 0.8 MPa" in card
     assert "** units: mm, N, MPa, tonne, s" in card

@@ -9,7 +9,7 @@ import pytest
 from palpate.domain import ParameterSpace, Relaxation
 from palpate.fit.least_squares import LeastSquares
 from palpate.plugins.catalogue import Plugins
-from palpate.plugins.sections import Choice, Fold, Lines, Table, Word, shown
+from palpate.plugins.sections import Choice, Fold, Lines, Table, Word, rounded, shown
 from palpate.study.reading import read_study
 from palpate_report.answer.card import answer, apart_from_joint, title_of
 from palpate_report.answer.failed_checks import apparent
@@ -17,7 +17,6 @@ from palpate_report.answer.law import typeset
 from palpate_report.answer.next_step import CAUSES, COLOURS
 from palpate_report.answer.result import Report, make_conclusion
 from palpate_report.answer.warnings import report_warnings
-from palpate_report.data.marks import rounded
 from palpate_report.data.tables import make_tables, printed
 from palpate_report.figures.drawings import interval_plot
 from palpate_report.figures.panels import budget_bars, colour_of

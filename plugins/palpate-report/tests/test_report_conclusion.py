@@ -11,12 +11,12 @@ from palpate.domain import Normaliser, Response, Scenario, Spot
 from palpate.fit.least_squares import LeastSquares
 from palpate.mesh.specimens import block
 from palpate.plugins.score import Nmse, NmseSettings, ScoringRules
+from palpate.plugins.sections import rounded
 from palpate.run.result import UNSEEN, UNSETTLED
 from palpate.scoring.selection import by_reason, failures, unranked
 from palpate_report.answer import warnings
 from palpate_report.answer.result import make_conclusion
 from palpate_report.data.best import weighted_channels
-from palpate_report.data.marks import rounded
 from palpate_report.data.tables import cost_of_one_set, make_tables
 from palpate_report.figures.style import STYLE
 from palpate_report.settings import BY_ITSELF
@@ -147,7 +147,8 @@ def test_how_well_each_parameter_is_identified_is_a_sentence(content):
     )
     found = conclusion(with_tables(made, identifiability=worse)).identifiability
     together = made.table("identifiability").filter(spot="all spots").row(0, named=True)
-    assert found[0].startswith(f"stiffness: fitted optimum {together['optimum']:.4g} MPa, ")
+    optimum = rounded(together["optimum"], together["lower"], together["upper"])
+    assert found[0].startswith(f"stiffness: fitted optimum {optimum} MPa, ")
     assert "well identifiable by all spots together; spot by spot: " in found[0]
     assert "well identifiable at 1 of 2 spots, not identifiable at 1 of 2 spots" in found[0]
     assert "most correlated with grip (correlation -0.97, spot p1)" in found[0]

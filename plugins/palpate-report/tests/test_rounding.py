@@ -2,10 +2,12 @@
 
 import math
 
+import polars as pl
 import pytest
 from hypothesis import given, strategies as st
 
-from palpate_report.data.marks import rounded
+from palpate.plugins.sections import Table, rounded, rounded_rows
+from palpate_report.data.table_files import latex, markdown
 
 
 @pytest.mark.parametrize(
@@ -31,3 +33,29 @@ def test_what_is_shown_is_within_a_twentieth_of_the_width(widths, width):
     value = widths * width
     shown = float(rounded(value, value - 0.5 * width, value + 0.5 * width))
     assert abs(shown - value) <= 0.051 * width
+
+
+def test_rows_of_a_frame_have_the_digits_of_their_intervals():
+    frame = pl.DataFrame(
+        {
+            "parameter": ["c1", "c2", "c3"],
+            "value": [14.0, 2.0, 0.12345],
+            "lower": [13.54, None, 0.1],
+            "upper": [14.46, None, math.inf],
+            "loss_tangent": [0.1, 0.2, 0.3],
+            "loss_lower": [0.091, 0.1, 0.2],
+            "loss_upper": [0.109, 0.3, 0.4],
+        }
+    )
+    assert rounded_rows(frame) == [
+        ("c1", "14.00", "13.54", "14.46", "0.100", "0.091", "0.109"),
+        ("c2", 2.0, None, None, "0.20", "0.10", "0.30"),
+        ("c3", 0.12345, 0.1, math.inf, "0.30", "0.20", "0.40"),
+    ]
+
+
+def test_rounded_texts_are_numbers_of_a_table_and_of_latex():
+    frame = pl.DataFrame({"parameter": ["c1"], "value": [-14.0], "lower": [-14.46], "upper": [-13.54]})
+    assert Table.of("Values", frame).is_number == (False, True, True, True)
+    assert "$-14.00$" in latex("parameters", frame)
+    assert "| -14.00 |" in markdown("parameters", frame)

@@ -22,6 +22,8 @@ if TYPE_CHECKING:
         Table as Table,
         Word as Word,
         heading as heading,
+        rounded as rounded,
+        rounded_rows as rounded_rows,
         shown as shown,
     )
     from palpate.simulation.processor_time import COST_HEADS as COST_HEADS, cost_rows as cost_rows

@@ -196,10 +196,10 @@ class Session:
 
     def frame(self, title: str, frame: "pl.DataFrame") -> None:
         """Print a data frame as a table; a wide one of few rows is transposed."""
-        from palpate.plugins.sections import heading, shown
+        from palpate.plugins.sections import heading, rounded_rows, shown
 
         heads = tuple(map(heading, frame.columns))
-        rows = [tuple(map(shown, row)) for row in frame.head(MAX_ROWS).rows()]
+        rows = [tuple(map(shown, row)) for row in rounded_rows(frame.head(MAX_ROWS))]
         widths = [max(map(len, column)) + 3 for column in zip(heads, *rows, strict=True)]
         if sum(widths) > self.stdout.width and len(rows) <= 6:
             heads, *rows = zip(heads, *rows, strict=True)

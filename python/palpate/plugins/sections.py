@@ -4,6 +4,8 @@ A section is data: paragraphs, tables, figures and pictures, which the page lays
 It has no markup and no script, so that the page runs nothing but its own and loads nothing.
 """
 
+import math
+import re
 import sys
 from abc import abstractmethod
 from collections.abc import Iterable, Mapping, Sequence
@@ -75,7 +77,7 @@ class Table:
     @classmethod
     def of(cls, caption: str, frame: "pl.DataFrame") -> "Table":
         """Show a data frame; its columns are named for people: ``nmse_force`` is NMSE force."""
-        return cls(caption, [heading(column) for column in frame.columns], frame.rows())
+        return cls(caption, [heading(column) for column in frame.columns], rounded_rows(frame))
 
     @property
     def is_number(self) -> tuple[bool, ...]:
@@ -85,6 +87,8 @@ class Table:
 
 def _is_number(cell: Cell) -> bool:
     first = cell.values[0] if isinstance(cell, Lines) and cell.values else cell
+    if isinstance(first, str):  # as rounded_rows writes numbers
+        return re.fullmatch(r"-?\d+(\.\d+)?(e[-+]\d+)?", first) is not None
     return isinstance(first, (int, float)) and not isinstance(first, bool)
 
 
@@ -234,6 +238,38 @@ def shown(value: object) -> str:
     value = 0.9999 if isinstance(value, float) and 0.9999 < value < 1.0 else value
     text = f"{value:.4g}" if isinstance(value, float) else str(value)
     return text if isinstance(value, str) else words.get(text, text)
+
+
+def rounded(value: float, lower: float | None = None, upper: float | None = None) -> str:
+    """Text of a value, with two digits of the width of its interval; with three digits where it has none."""
+    width = 0.0 if lower is None or upper is None else upper - lower
+    if not (width > 0.0 and math.isfinite(width) and math.isfinite(value)):
+        return f"{value:.3g}"
+    decimals = 1 - math.floor(math.log10(width))
+    if decimals > 6 or abs(value) >= 1e6:
+        digits = decimals + 1 + math.floor(math.log10(abs(value))) if value else 1
+        return f"{value:.{max(1, digits)}g}"
+    # Adding zero takes the sign of a rounded zero.
+    return f"{round(value, decimals) + 0.0:.{max(0, decimals)}f}"
+
+
+def rounded_rows(frame: "pl.DataFrame") -> list[tuple[Any, ...]]:
+    """Rows of a frame; numbers next to the ends of an interval are texts with the digits of the interval.
+
+    The ends ``x_lower`` and ``x_upper`` are of the columns that begin with ``x``; others of ``value``,
+    ``optimum`` and ``left``.
+    """
+    rows = frame.rows(named=True)
+    for upper in (name for name in frame.columns if name.endswith("upper")):
+        stem = upper.removesuffix("upper")
+        of = [name for name in frame.columns if stem and f"{name}_".startswith(stem)]
+        names = {*(of if len(of) > 2 else ("value", "optimum", "left")), f"{stem}lower", upper}
+        for row in rows:
+            ends = row.get(f"{stem}lower"), row[upper]
+            if all(isinstance(end, float) and math.isfinite(end) for end in ends):
+                numbers = {name: row[name] for name in names if isinstance(row.get(name), float)}
+                row |= {name: rounded(number, *ends) for name, number in numbers.items()}
+    return [tuple(row.values()) for row in rows]
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

@@ -28,7 +28,7 @@ from palpate.api import (
     convert,
 )
 from palpate.api.fit import ALL_SPOTS, inputs_at, relaxing_space, relaxing_thetas
-from palpate.api.report import Figure
+from palpate.api.report import Figure, rounded
 from palpate.api.runs import Files, Study, common
 from palpate_materials.relaxation import loss_tangent, reduced_relaxation
 
@@ -228,12 +228,18 @@ def _of(study: Study, region: str) -> str:
     return "" if region == ALL_REGIONS or len(study.space.regions) == 1 else f" of {region}"
 
 
+def _in_digits(value: float, lower: float, upper: float) -> list[str]:
+    """Value and ends of its interval, with the digits of the interval."""
+    return [rounded(each, lower, upper) for each in (value, lower, upper)]
+
+
 def _left(study: Study, main: pl.DataFrame) -> Iterator[str]:
     for rows in _by_region(main):
         last = rows.row(-1, named=True)
+        left, lower, upper = _in_digits(*(100.0 * last[name] for name in ("left", "lower", "upper")))
         yield (
-            f"{100.0 * last['left']:.3g} % of the moduli{_of(study, last['region'])} at once are left after "
-            f"{last['time_s']:.3g} s ({100.0 * last['lower']:.3g} to {100.0 * last['upper']:.3g} %)"
+            f"{left} % of the moduli{_of(study, last['region'])} at once are left after "
+            f"{last['time_s']:.3g} s ({lower} to {upper} %)"
         )
     if untold := [f"{time:g} s" for time in _untold_s(study)]:
         yield f"a record of {study.record_s:.3g} s does not tell {', '.join(untold)}"
@@ -242,7 +248,9 @@ def _left(study: Study, main: pl.DataFrame) -> Iterator[str]:
 def _shear(study: Study, rows: pl.DataFrame) -> str:
     """Shear moduli of a region in words."""
     parts = (
-        f"{row['value']:.3g} {row['unit']} {row['shear_modulus']} ({row['lower']:.3g} to {row['upper']:.3g})"
+        "{0} {unit} {shear_modulus} ({1} to {2})".format(
+            *_in_digits(row["value"], row["lower"], row["upper"]), **row
+        )
         for row in rows.iter_rows(named=True)
     )
     return f"{_of(study, rows['region'][0])} {', '.join(parts)}".removeprefix(" ")
@@ -254,9 +262,10 @@ def _losses(study: Study, main: pl.DataFrame) -> Iterator[str]:
         return
     for rows in _by_region(main):
         row = rows.row(int(np.abs(rows["time_s"].to_numpy() - seconds).argmin()), named=True)
+        loss, lower, upper = _in_digits(row["loss_tangent"], row["loss_lower"], row["loss_upper"])
         yield (
-            f"loss tangent{_of(study, row['region'])} {row['loss_tangent']:.2g} ({row['loss_lower']:.2g} to "
-            f"{row['loss_upper']:.2g}) at {1.0 / seconds:.2g} rad/s, the rate of a press in {seconds:.3g} s"
+            f"loss tangent{_of(study, row['region'])} {loss} ({lower} to {upper}) at "
+            f"{1.0 / seconds:.2g} rad/s, the rate of a press in {seconds:.3g} s"
         )
 
 

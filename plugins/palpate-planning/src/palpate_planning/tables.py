@@ -174,13 +174,10 @@ def shown_ranking(ranking: pl.DataFrame, units: Mapping[str, str]) -> pl.DataFra
 
 
 def shown_intervals(intervals: pl.DataFrame) -> pl.DataFrame:
-    """Intervals as text: four digits (the bias two), and the width in percent of that now."""
+    """Intervals with the bias as text of two digits, and the width as percentage of today's."""
     brief = brief_names(intervals["parameter"])
-    numbers = [_text(name, "{:.4g}".format) for name in ("value", "lower", "upper")]
-    numbers.append(_text("mesh_bias", "{:.2g}".format))
-    return intervals.with_columns(
-        pl.col("parameter").replace_strict(brief), *numbers, _text("width", _percent)
-    )
+    bias, width = _text("mesh_bias", "{:.2g}".format), _text("width", _percent)
+    return intervals.with_columns(pl.col("parameter").replace_strict(brief), bias, width)
 
 
 def _percent(width: float) -> str:

@@ -12,12 +12,12 @@ from palpate.api import Channel, Indenter, Quantity, SurfaceStates
 from palpate.api.cli import Closed
 from palpate.api.files import write_atomically
 from palpate.api.fit import Adequacy
-from palpate.api.report import Block, Paragraph, Picture, Table
+from palpate.api.report import Block, Paragraph, Picture, Table, rounded
 from palpate.api.runs import file_name, parquet
 from palpate_prediction.bands import ENDS, errors_of
 from palpate_prediction.predict import Prediction, SpotPrediction
 from palpate_prediction.summary import QUANTITIES
-from palpate_report.api import Headline, comparison_page, in_words, rounded
+from palpate_report.api import Headline, comparison_page, in_words
 
 
 class PredictOutput(Closed):

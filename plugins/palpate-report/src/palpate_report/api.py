@@ -15,7 +15,6 @@ if TYPE_CHECKING:
     from palpate_report.data.marks import (
         Headline as Headline,
         in_words as in_words,
-        rounded as rounded,
         with_unit as with_unit,
     )
     from palpate_report.data.report_data import ReportData as ReportData, brief_names as brief_names

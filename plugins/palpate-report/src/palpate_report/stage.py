@@ -9,7 +9,7 @@ import polars as pl
 from palpate.api import Channel, Progress, Response, Run, Stage, StudyError, Summary
 from palpate.api.cli import Closed, IntervalOutput, Row
 from palpate.api.fit import ALL_SPOTS, Case, mark_of
-from palpate.api.report import shown
+from palpate.api.report import rounded_rows, shown
 from palpate.api.runs import Files, Study, described
 from palpate_report.answer.result import Report, equation
 from palpate_report.data.display_units import in_display_units
@@ -172,8 +172,10 @@ def _intervals(frame: pl.DataFrame) -> pl.DataFrame:
             "fit": row["fit"],
             "scenario": row["scenario"],
             "parameter": f"{row['parameter']} [{row['unit']}]",
-            "text": f"{row['value']:.3g} ({row['lower']:.3g} to {row['upper']:.3g}) {row['verdict']}",
+            "text": f"{value} ({lower} to {upper}) {row['verdict']}",
         }
-        for row in frame.iter_rows(named=True)
+        for row, (value, lower, upper) in zip(
+            frame.iter_rows(named=True), rounded_rows(frame.select("value", "lower", "upper")), strict=True
+        )
     ]
     return pl.from_dicts(rows).pivot("parameter", index=["fit", "scenario"], values="text")

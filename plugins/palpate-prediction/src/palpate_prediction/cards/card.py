@@ -9,6 +9,7 @@ import numpy as np
 from palpate.api import FloatArray, Material, MaterialError, Parameter, RelaxingMaterial
 from palpate.api.fit import explained, mark_of
 from palpate.api.mechanics import EnergyForm, StandardMaterial
+from palpate.api.report import rounded
 from palpate_report.api import ModelVerdict, with_unit
 
 DENSITY_T_PER_MM3 = 1e-9
@@ -117,7 +118,8 @@ def head(data: CardData, form: EnergyForm | None = None) -> Iterator[str]:
     yield data.verdict if data.model.failure else f"verdict: {data.verdict}"
     yield "units: mm, N, MPa, tonne, s"
     for parameter, value in zip(data.material.parameters, data.theta.tolist(), strict=True):
-        shown = with_unit(f"{value:.6g}", parameter.unit)
+        ends = data.intervals.get(parameter.name)
+        shown = with_unit(rounded(value, *ends) if ends else f"{value:.6g}", parameter.unit)
         about = [_interval(data, parameter), data.verdicts.get(parameter.name, "")]
         known = f" ({'; '.join(each for each in about if each)})" if any(about) else ""
         yield f"{data.origins[parameter.name]}: {parameter.name} = {shown}{known}"
@@ -154,7 +156,7 @@ def _interval(data: CardData, parameter: Parameter) -> str:
     if parameter.name not in data.intervals:
         return ""
     lower, upper = data.intervals[parameter.name]
-    return f"95 % interval {lower:.4g} to {upper:.4g}"
+    return f"95 % interval {rounded(lower, lower, upper)} to {rounded(upper, lower, upper)}"
 
 
 def _range(strain: Mapping[str, float], reached: Mapping[str, tuple[str, float, float]]) -> str:

@@ -6,8 +6,9 @@ import polars as pl
 
 from palpate.api import ParameterName
 from palpate.api.fit import ALL_SPOTS, FIT, NOT, REFUSED, TIED, UNCLEAR, Adequacy, mark_of, verdict_of
+from palpate.api.report import rounded
 from palpate_report.answer.model_verdict import model_verdict
-from palpate_report.data.marks import Headline, rounded, with_unit
+from palpate_report.data.marks import Headline, with_unit
 from palpate_report.data.report_data import ReportData
 
 

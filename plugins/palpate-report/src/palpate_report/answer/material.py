@@ -10,9 +10,10 @@ import numpy as np
 from palpate.api import FloatArray, IsotropicMaterial, RegionMaterial, convert
 from palpate.api.fit import every_value
 from palpate.api.mechanics import nominal_stress
+from palpate.api.report import rounded
 from palpate_report.answer.headline import draws_of
 from palpate_report.answer.law import searched_regions
-from palpate_report.data.marks import in_words, rounded
+from palpate_report.data.marks import in_words
 from palpate_report.data.report_data import ReportData
 
 

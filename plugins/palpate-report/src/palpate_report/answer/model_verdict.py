@@ -4,10 +4,11 @@ from collections.abc import Iterator
 from dataclasses import dataclass
 
 from palpate.api.fit import NO_FIT_R2, Adequacy, channel_of
+from palpate.api.report import rounded
 from palpate_report.answer.failed_checks import failed_checks
 from palpate_report.answer.law import laws_of
 from palpate_report.answer.warnings import CHECK
-from palpate_report.data.marks import in_words, rounded
+from palpate_report.data.marks import in_words
 from palpate_report.data.report_data import ReportData
 
 NO_PARAMETERS = "No parameters can be read from this run"

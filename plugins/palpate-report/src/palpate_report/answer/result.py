@@ -9,7 +9,7 @@ import polars as pl
 
 from palpate.api import ParameterName, PluginError
 from palpate.api.fit import ALL_SPOTS, UNCLEAR, WORDS
-from palpate.api.report import ReportWarning, Section, shown
+from palpate.api.report import ReportWarning, Section, rounded, shown
 from palpate.api.runs import Study, answering_for
 from palpate_report.answer.failed_checks import apparent, left_out
 from palpate_report.answer.headline import between_spots, holds_truth, missed_truth
@@ -320,8 +320,10 @@ def _together(data: ReportData, parameter: str) -> str:
     of, best = ("", row["value"]) if data.is_fitted else ("fitted optimum ", row["optimum"])
     if len(data.spots) > 1:
         where = f"{_phrase(row['identifiability'])} by all spots together; spot by spot: "
-    ends = with_unit(f"{row['lower']:.4g} to {row['upper']:.4g}", unit)
-    return f"{of}{with_unit(f'{best:.4g}', unit)}, {ends} fits about as well; {where}"
+    known = row["lower"], row["upper"]
+    best, lower, upper = (rounded(each, *known) for each in (best, *known))
+    ends = with_unit(f"{lower} to {upper}", unit)
+    return f"{of}{with_unit(best, unit)}, {ends} fits about as well; {where}"
 
 
 def _phrase(word: str) -> str:

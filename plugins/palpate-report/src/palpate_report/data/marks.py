@@ -1,10 +1,10 @@
 """A value as every output shows it: its digits, its interval and its verdict."""
 
-import math
 import re
 from dataclasses import dataclass
 
 from palpate.api.fit import Adequacy, verdict_of
+from palpate.api.report import rounded
 
 
 def with_minus(text: str) -> str:
@@ -20,19 +20,6 @@ def in_words(name: str) -> str:
 def with_unit(text: str, unit: str) -> str:
     """A number and its unit, if it has one."""
     return text if unit in ("", "1") else f"{text} {unit}"
-
-
-def rounded(value: float, lower: float | None = None, upper: float | None = None) -> str:
-    """Text of a value, with two digits of the width of its interval; with three digits where it has none."""
-    width = 0.0 if lower is None or upper is None else upper - lower
-    if not (width > 0.0 and math.isfinite(width) and math.isfinite(value)):
-        return f"{value:.3g}"
-    decimals = 1 - math.floor(math.log10(width))
-    if decimals > 6 or abs(value) >= 1e6:
-        digits = decimals + 1 + math.floor(math.log10(abs(value))) if value else 1
-        return f"{value:.{max(1, digits)}g}"
-    # Adding zero takes the sign of a rounded zero.
-    return f"{round(value, decimals) + 0.0:.{max(0, decimals)}f}"
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

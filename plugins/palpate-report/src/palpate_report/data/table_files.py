@@ -11,7 +11,7 @@ import polars as pl
 
 from palpate.api.files import write_atomically
 from palpate.api.fit import explained, mark_of
-from palpate.api.report import shown
+from palpate.api.report import rounded_rows, shown
 from palpate_report.data.tables import TITLES, printed
 
 PREAMBLE = r"\usepackage{booktabs,graphicx}"
@@ -192,7 +192,7 @@ def latex(name: str, table: pl.DataFrame, failures: Sequence[str] = ()) -> str:
         Key of ``TITLES``; the label is ``tab:<name>``.
     """
     heads = [escaped(text) for text in table.columns]
-    rows = [[_latex_cell(value) for value in cells] for cells in table.iter_rows()]
+    rows = [list(map(_latex_cell, cells, table.dtypes)) for cells in rounded_rows(table)]
     kinds = ["r" if dtype.is_numeric() else "l" for dtype in table.dtypes]
     lengths = [max(map(len, column)) for column in zip(heads, *rows, strict=True)]
     # Most rows of a wide table that become its columns.
@@ -214,7 +214,7 @@ def markdown(name: str, table: pl.DataFrame, failures: Sequence[str] = ()) -> st
     """Write a table for Markdown, under its caption; names are text there, whatever they hold."""
     rule = ["---:" if dtype.is_numeric() else "---" for dtype in table.dtypes]
     head = [text.translate(_MARKDOWN) for text in table.columns]
-    rows = ([shown(value).translate(_MARKDOWN) for value in row] for row in table.iter_rows())
+    rows = ([shown(value).translate(_MARKDOWN) for value in row] for row in rounded_rows(table))
     lines = [f"| {' | '.join(cells)} |" for cells in (head, rule, *rows)]
     warnings = [text for each in failures for text in (f"**WARNING: {each.translate(_MARKDOWN)}**", "")]
     return "\n".join([*warnings, _caption(name, table), "", *lines, ""])
@@ -227,6 +227,6 @@ def _caption(name: str, table: pl.DataFrame, failures: Sequence[str] = ()) -> st
     return parts[0] if len(parts) == 1 else " ".join(f"{part.rstrip('.')}." for part in parts)
 
 
-def _latex_cell(value: object) -> str:
-    is_number = isinstance(value, (int, float)) and not isinstance(value, bool) and value == value
+def _latex_cell(value: object, dtype: pl.DataType) -> str:
+    is_number = dtype.is_numeric() and value is not None and value == value
     return number(shown(value)) if is_number else escaped(shown(value))

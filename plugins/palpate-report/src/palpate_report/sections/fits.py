@@ -18,6 +18,7 @@ from palpate.api.report import (
     Section,
     Table,
     Word,
+    rounded,
 )
 from palpate.api.runs import file_name
 from palpate_report.answer.card import IN_THE_OPEN, quality
@@ -26,7 +27,7 @@ from palpate_report.answer.material import material_curves, rows_of
 from palpate_report.answer.result import Report
 from palpate_report.answer.warnings import kinds
 from palpate_report.data.best import Best
-from palpate_report.data.marks import Headline, in_words, rounded, with_unit
+from palpate_report.data.marks import Headline, in_words, with_unit
 from palpate_report.data.report_data import ReportData
 from palpate_report.data.tables import TITLES, printed
 from palpate_report.sections.tables import picture
@@ -193,7 +194,8 @@ class MaterialItself(Section):
 def _cell(value: Headline) -> Lines:
     lines: list[Any] = [value.text]
     if value.interval:
-        lines += [f"optimum {value.optimum:.4g}"] if value.optimum is not None else []
+        if value.optimum is not None:
+            lines.append(f"optimum {rounded(value.optimum, value.lower, value.upper)}")
         lines.append(value.interval)
     return Lines([*lines, *map(Word, filter(None, value.verdict.split(", ")))])
 
