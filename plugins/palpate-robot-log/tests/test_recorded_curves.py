@@ -33,4 +33,5 @@ def test_the_curves_of_a_recorded_log_stay_as_they_are(spot: str, tmp_path: Path
     assert {*found} == {*expected}
     for name, values in expected.items():
         sizes = np.abs(values).max(axis=1, keepdims=True)
-        np.testing.assert_allclose(found[name] / sizes, values / sizes, rtol=0.0, atol=1e-12, err_msg=name)
+        # Another processor adds in another order: by up to 3e-11 of the largest.
+        np.testing.assert_allclose(found[name] / sizes, values / sizes, rtol=0.0, atol=1e-9, err_msg=name)
