@@ -18,7 +18,7 @@ ROOT = Path(__file__).parents[2]
 LONGEST_FILE = 500
 LONGEST_FUNCTION = 45
 MOST = {
-    "lines": 76_933,
+    "lines": 76_961,
     "lines of the core": 33_146,
     "classes": 655,
     "constants": 697,

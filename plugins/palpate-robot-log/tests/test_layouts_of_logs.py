@@ -1,5 +1,6 @@
 """Logs in the layouts of others are read as proposed: units, preambles, transforms, two files."""
 
+import re
 import tomllib
 from collections.abc import Mapping
 from pathlib import Path
@@ -21,6 +22,7 @@ from palpate_robot_log.reading.ros import PLACE, TURN, chains
 from palpate_robot_log.recording import Recording
 
 from . import log_writers as write
+from .known_presses import named, press, robot, wrench
 
 
 def _written(path: Path, columns: Mapping[str, FloatArray]) -> Path:
@@ -195,3 +197,33 @@ def test_chains_of_transforms_multiply(seed: int, n_moving: int) -> None:
             at = min(row, len(place) - 1)
             point = place[at] + turn[at].apply(point)
         np.testing.assert_allclose(longest.frame.select(PLACE).to_numpy()[row], point, atol=1e-12)
+
+
+@pytest.mark.parametrize("name", ["rz_deg", "angle_deg", "Rotation"])
+@pytest.mark.parametrize("sense", [1.0, -1.0])
+def test_one_angle_is_the_turn_about_the_line_of_the_press(name: str, sense: float, tmp_path: Path) -> None:
+    made = press(twist=True)
+    turn = sense * np.degrees((made.pose[0].inv() * made.pose).as_rotvec()[:, 2])
+    columns = {"time_s": made.time_s} | named("x_mm y_mm z_mm", made.tip_mm) | {name: turn}
+    path = _written(tmp_path / "log.csv", columns | wrench(made, "fx_N fy_N fz_N tx_Nm ty_Nm tz_Nm"))
+    found = inspect_log(path)
+    assert found.record["problem"] == ""
+    (curves,) = [line for line in found.findings if line.startswith("its curves")]
+    assert "over -22.5 to 22.5 degrees" in curves
+    assert re.search(r"torque -2\d\.?\d* to 2\d\.?\d* N·mm", curves)
+
+
+def test_a_count_next_to_a_time_is_no_time(tmp_path: Path) -> None:
+    made = press()
+    counts = {"F/T Sequence": 7.0 * np.arange(made.time_s.size), "Time": made.time_s}
+    path = _written(tmp_path / "log.csv", counts | robot(made))
+    assert inspect_log(path).record["channels"]["time"] == {"column": "Time", "unit": "s"}
+
+
+def test_commas_between_thousands_leave_semicolons_between_cells(tmp_path: Path) -> None:
+    time, force = np.arange(0.0, 2000.0, 10.0), np.linspace(0.0, 9000.0, 200)
+    rows = [f"{t:,.0f};{f:,.1f};{f / 2.0:,.1f}" for t, f in zip(time, force, strict=True)]
+    path = tmp_path / "log.csv"
+    path.write_text("\n".join(["time (ms);force (mN);depth (µm)", *rows]) + "\n")
+    (curves,) = [line for line in inspect_log(path).findings if line.startswith("these tables read")]
+    assert curves.endswith("force 0 to 9 N over 0 to 4.5 mm in 200 rows")

@@ -367,17 +367,17 @@ def _marks(source: str, lines: "pl.DataFrame", wanted: TextFormat) -> tuple[str,
     return max(marks, key=lambda mark: _likelihood(rows[mark[0]], *mark))
 
 
-def _likelihood(rows: Sequence[Sequence[str]], delimiter: str, decimal: str) -> tuple[float, float]:
-    """Share of cells that are numbers, of rows that have the usual length, and how many a row has."""
+def _likelihood(rows: Sequence[Sequence[str]], delimiter: str, decimal: str) -> tuple[float, float, bool]:
+    """Share of cells that are numbers in rows of the usual length, how many a row has, and no comma."""
     lengths = [len(row) for row in rows]
     usual = max(set(lengths), key=lengths.count)
     if usual < 2:
-        return 0.0, 0.0
+        return 0.0, 0.0, False
     kinds = [kind_of_cell(cell, decimal) for row in rows if len(row) == usual for cell in row]
     n_numbers = len(kinds) - kinds.count("text")
     # Blanks are in many names and remarks: of two that fit alike they are the worse.
     share = (0.9 if delimiter == BLANKS else 1.0) * n_numbers / len(kinds) * lengths.count(usual) / len(rows)
-    return share, n_numbers / len(rows)
+    return share, n_numbers / len(rows), delimiter != ","  # which may be between thousands
 
 
 def _n_values(kinds: Sequence[str]) -> int:

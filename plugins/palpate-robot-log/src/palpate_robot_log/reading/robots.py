@@ -1,7 +1,7 @@
 """A channel map of a robot's log, guessed from names, units, numbers and directions."""
 
 from collections.abc import Iterable, Iterator, Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from functools import partial
 from itertools import chain
 from typing import Any
@@ -78,6 +78,8 @@ def propose(log: RawLog) -> LogGuess:
     if "force" in ranked and "moment" not in ranked:
         none = Guess(entry=_NONE, stream=ranked["force"][0].stream)
         ranked["moment"] = [none.with_check("no moment is found: there is none")]
+    if {"position", "force"} <= {*ranked} and "orientation" not in ranked:
+        ranked |= _of_one_angle(log, ranked["position"][0].stream, groups)
     if {"position", "force"} <= {*ranked} and "orientation" not in ranked and not ranked["moment"][0].names:
         stage = Guess(entry=_DOWN, stream=ranked["position"][0].stream)
         ranked["orientation"] = [stage.with_check("no orientation is found: the tool never turns")]
@@ -125,6 +127,24 @@ def _of_load_cell(log: RawLog, stream: str, groups: Sequence[Group]) -> dict[str
     check = f"the force has one axis, {axis} of the sensor; without a moment a twist gives no torque"
     force = Guess(entry={"columns": places}, stream=stream, to_check=cell.remarks)
     return {"force": [force.with_check(check)], "moment": [Guess(entry=_NONE, stream=stream)]}
+
+
+def _of_one_angle(log: RawLog, stream: str, groups: Sequence[Group]) -> dict[str, list[Guess]]:
+    """Turn about one axis of a tool that moves along three: about z, unless its name has another axis."""
+    taken = {column.name for group in groups for column in group.columns}
+    columns = [column for column in log.stream(stream).columns.values() if column.name not in taken]
+    if (angle := pick(columns, "angle")) is None:
+        return {}
+    name = angle.column.name
+    axis = next((word[-1] for word in words_of(name) if word in ("rx", "ry", "rz", "x", "y")), "z")
+    # The press tells the axis, and the moment the sense.
+    entries = [
+        {"form": "axis_angle", "columns": [sign + name if each == on else NO_COLUMN for each in "xyz"]}
+        for on in sorted("xyz", key=lambda each: (each != axis, each != "z"))
+        for sign in ("", "-")
+    ]
+    first, *others = (Guess(entry=entry, stream=stream, to_check=angle.remarks) for entry in entries)
+    return {"orientation": [replace(first, also=tuple(others))]}
 
 
 def machine_of(log: RawLog) -> LogGuess | None:
@@ -230,7 +250,12 @@ def proposal_of(log: RawLog, guess: LogGuess) -> Proposal:
     kind = "a testing machine of one axis: depth and first contact are found from the force"
     guesses = [*guess.guesses.values(), *guess.time.values()]
     checks = dict.fromkeys(f"check {check}" for one in guesses for check in one.to_check)
-    others = (f"{quantity} might also be: {'; '.join(map(str, of))}" for quantity, of in guess.others.items())
+    taken = {name for one in guess.guesses.values() for name in one.names}
+    others = (
+        f"{quantity} might also be: {'; '.join(map(str, free))}"
+        for quantity, of in guess.others.items()
+        if (free := [one for one in of if taken.isdisjoint(one.names)])
+    )
     return Proposal(
         loader="robot_log",
         entries=tuple(_entries(log, guess)),
