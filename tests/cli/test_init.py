@@ -4,6 +4,7 @@ import re
 import tomllib
 from pathlib import Path
 
+import meshio
 import numpy as np
 import pytest
 
@@ -195,7 +196,7 @@ def test_init_leaves_what_a_ready_study_searches(
     (tmp_path / "study.toml").write_text(f"[study]\n[protocol]\nfriction = 1.0\n\n{fit}", encoding="utf-8")
     files = ([Path("try/measured/p1.csv")], [Path("try/meshes/p1.vtu")])
     found = look_into(files[0][0], None, Session(), None)
-    text = own_study_text(Session(), tmp_path, Path("arm"), *files, found)
+    text = own_study_text(Session(), tmp_path, Path("arm"), *files, [None], found)
     fitted = tomllib.loads(text).get("fit", {})
     assert (fitted.get("searched", {}).get("friction", {}).get("prior") is not None) == searches
 
@@ -216,3 +217,26 @@ def test_init_names_the_studies_when_the_name_is_wrong(call: Call) -> None:
     assert outcome.code == 2
     assert "did you mean 'toy'" in outcome.err
     assert not Path("mine").exists()
+
+
+def test_layers_under_other_names_get_the_materials_of_skin_and_tissue(call: Call) -> None:
+    """Two meshes of two regions; a modulus of each is searched, without a ready study that is named."""
+    call("init", "try", "--study", "forearm-layered", plugin=None)
+    ready = meshio.read("try/meshes/p2.vtu")
+    tissue = {"dermis": 0, "vastus": 1}
+    own = meshio.Mesh(
+        ready.points,
+        {"tetra10": ready.cells_dict["tetra10"]},
+        point_sets={name: np.flatnonzero(ready.point_data[name]) for name in ("fixed", "contact")},
+        cell_sets={name: [np.flatnonzero(ready.cell_data["region"][0] == k)] for name, k in tissue.items()},
+    )
+    own.write("own.inp")
+    files = ("--measured", "try/measured/p2.csv", "--mesh", "own.inp")
+    outcome = call("init", "own", *files, plugin=None)
+    assert "everything else from forearm-layered" in outcome.out
+    space = read_study("own").space
+    assert {each.region: each.material.name for each in space.regions} == {
+        "dermis": "neo_hookean",
+        "vastus": "yeoh",
+    }
+    assert {*space.names} == {"dermis.E", "vastus.c1"}

@@ -188,14 +188,15 @@ def test_what_gmsh_writes_twice_is_proposed_once(tmp_path: Path) -> None:
     numbers = {"SKIN": np.flatnonzero(IN_SKIN) + 1, "FAT": np.flatnonzero(~IN_SKIN) + 1}
     sets = "".join(f"*Elset, elset=Volume{k}\n{listed(of)}" for k, of in enumerate(numbers.values(), 1))
     nodes = np.unique(LIMB.mesh.cells["hex8"][IN_SKIN]) + 1
-    sets += (
-        f"*Nset, nset=SKIN\n{listed(nodes)}*Nset, nset=OUTER\n{listed(TOP)}*Nset, nset=ENDS\n{listed(CUTS)}"
-    )
+    for name, of in {"SKIN": nodes, "OUTER_SIDE": TOP, "ENDS": CUTS}.items():
+        sets += f"*Nset, nset={name}\n{listed(of)}"
     text = part(f"*Element, type=CPS4, elset=Surface1\n{rows}", sets).replace("nset=TOP", "nset=t")
     (tmp_path / "m.inp").write_text(text.replace("NSET=Bone", "NSET=b").replace("NSET=cuts", "NSET=c"))
-    settings = MeshioSource(MeshioSettings()).inspect(tmp_path / "m.inp").record["settings"]
+    inspection = MeshioSource(MeshioSettings()).inspect(tmp_path / "m.inp")
+    settings = inspection.record["settings"]
     assert set(settings["regions"].values()) == {"Fat", "skin"}
-    assert settings["node_sets"] == {"contact": "OUTER", "fixed": "ENDS"}
+    assert settings["node_sets"] == {"contact": "OUTER_SIDE", "fixed": "ENDS"}
+    assert "Surface1" not in " ".join(inspection.findings)
 
 
 @pytest.mark.parametrize("conditions", ["", "*Boundary\nFixed, 1, 3\n"])

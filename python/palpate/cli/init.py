@@ -24,8 +24,11 @@ if TYPE_CHECKING:
 FIRST = "first-press"
 """The ready study that is copied where none is named."""
 
-FOR_OWN = "forearm-demo"
-"""The ready study that gives one of own presses its protocol and material where none is named."""
+FOR_OWN = "forearm-demo", "forearm-layered"
+"""Ready studies that give one of own presses its protocol and materials where none is named.
+
+The second is for limbs of several materials: skin is neo-Hookean there, all below it Yeoh's material.
+"""
 
 OF_PRESSES = ("study", "spot", "experiment", "budget", "truth")
 """Tables of a ready study that hold for its own presses alone."""
@@ -46,7 +49,7 @@ def init(
         str | None,
         typer.Option(
             "--study",
-            help=f"Name of a ready study; default: {FIRST}, for your presses {FOR_OWN}.",
+            help=f"Name of a ready study; default: {FIRST}, for your presses {' or '.join(FOR_OWN)}.",
             autocompletion=ready_studies,
         ),
     ] = None,
@@ -98,14 +101,17 @@ def _write_own(
         _check_pairs(measured, meshes)
     found = look_into(measured[0], wrench, session, None)
     test = "" if meshes or wrench else found.test
+    if not test:
+        _check_pairs(measured, meshes)
+    looks = [_look(session, mesh) for mesh in meshes]
+    several = any(look and look.limb and len(look.limb.mesh.regions) > 1 for look in looks)
     # The ready study that gives a homogeneous test its solver and material where none is named.
-    name = study or ("treloar" if test else FOR_OWN)
+    name = study or ("treloar" if test else FOR_OWN[several])
     ready = Path(session.plugins.studies[name].directory)
     if test:
         text = own_test_text(ready, folder, measured, found)
     else:
-        _check_pairs(measured, meshes)
-        text = own_study_text(session, ready, folder, measured, meshes, found)
+        text = own_study_text(session, ready, folder, measured, meshes, looks, found)
     check_new(folder)
     folder.mkdir(parents=True, exist_ok=True)
     (folder / "study.toml").write_text(text, encoding="utf-8")
@@ -179,15 +185,15 @@ def own_study_text(
     folder: Path,
     measured: Sequence[Path],
     meshes: Sequence[Path],
+    looks: Sequence["Inspection | None"],
     found: "Inspection",
 ) -> str:
-    """Text of a study of own presses: their files as the first is found, and else what a ready study has."""
+    """Text of a study of own presses: their files and meshes as inspected, and else a ready study."""
     from palpate.study.reading import parse_toml
 
     if found.test:
         raise StudyError(f"{measured[0]}: a homogeneous test ({found.test}) needs no mesh; leave --mesh out")
     measured = [_file_of(file, session) for file in measured]
-    looks = [_look(session, mesh) for mesh in meshes]
     spots = [_name_of(mesh.stem) for mesh in meshes]
     if len(set(spots)) < len(spots):
         spots = [f"p{k}" for k in range(1, len(spots) + 1)]
@@ -234,7 +240,7 @@ def _of_mesh(blocks: list[str], look: "Inspection | None") -> list[str]:
         return blocks
     head = re.compile(r"\[(\w+)(?:\.(\w+))?").match
     tables = [(found[1], found[2]) if (found := head(block)) else ("", None) for block in blocks]
-    there = list(dict.fromkeys(name for table, name in tables if table == "region"))
+    there = list(dict.fromkeys(name for table, name in tables if name and table == "region"))
     regions = there if look.limb is None else look.limb.mesh.regions
     limb = look.study_text[look.study_text.index("[limb]") :]
     kept = [
@@ -242,11 +248,20 @@ def _of_mesh(blocks: list[str], look: "Inspection | None") -> list[str]:
         for block, (table, name) in zip(blocks, tables, strict=True)
         if (table != "limb" or name is None) and (table != "region" or name in regions)
     ]
-    # Regions that the ready study does not have get the material of its first one.
-    first = there[0] if there else ""
-    material = [block for block, table in zip(blocks, tables, strict=True) if table == ("region", first)]
-    new = (region for region in regions if region not in there)
-    return [*kept, *(m.replace(f"[region.{first}", f"[region.{name}") for name in new for m in material)]
+    # Skin under another name gets the material of the ready study's skin, other tissue the one of its tissue.
+    for name in regions if there else ():
+        alike = next((each for each in there if _is_skin(each) == _is_skin(name)), there[0])
+        material = (block for block, t in zip(blocks, tables, strict=True) if t == ("region", alike))
+        if name not in there:
+            kept += [block.replace(f"[region.{alike}", f"[region.{name}") for block in material]
+    return kept
+
+
+def _is_skin(name: str) -> bool:
+    """Whether a region has the name of skin; hypodermis and subcutis are fat."""
+    return bool(
+        re.search(r"(?i)skin|(?<![a-z])(epi)?derm|(?<!sub)cutis|(?<!unter)haut|peau|piel|pelle", name)
+    )
 
 
 def _name_of(text: str) -> str:

@@ -1,5 +1,6 @@
 """Sets, regions and sizes of a mesh file, and settings of the limb source ``meshio`` that read it."""
 
+import re
 from collections.abc import Collection
 from pathlib import Path
 from typing import Any
@@ -121,7 +122,10 @@ def _names(content: MeshFile) -> list[str]:
             every[name] = nodes
         elif np.isin(nodes, every.get(name, ())).all():
             del every[name]
-    return [n for n in _plain(every) if 0 < np.count_nonzero(solid[every[n]]) < solid.sum()]
+    names = [n for n in _plain(every) if 0 < np.count_nonzero(solid[every[n]]) < solid.sum()]
+    own = [name for name in names if not re.fullmatch(r"(Line|Surface|Volume)\d+", name)]
+    # Gmsh writes each surface of its geometry too: physical groups have their nodes under the user's names.
+    return [n for n in names if n in own or not any(np.isin(every[n], every[o]).all() for o in own)]
 
 
 def _plain(names: Collection[str]) -> list[str]:
