@@ -18,8 +18,8 @@ ROOT = Path(__file__).parents[2]
 LONGEST_FILE = 500
 LONGEST_FUNCTION = 45
 MOST = {
-    "lines": 76_980,
-    "lines of the core": 33_161,
+    "lines": 76_989,
+    "lines of the core": 33_163,
     "classes": 655,
     "constants": 697,
     "long files": 0,

@@ -181,8 +181,9 @@ def inspect(
         session.say(f"\n{found.study_text}")
         wrench = f" --wrench {other}" if other else ""
         mesh = "" if found.test else " --mesh MESH"
-        how = "put these tables into a study.toml, or make one; "
-        session.next(f"init FOLDER --measured {file}{wrench}{mesh}", how)
+        how = "put these tables into a study.toml, or make one"
+        how += "; " if found.test else " with your mesh of the limb at the spot; "
+        session.next(f"init my-study --measured {file}{wrench}{mesh}", how)
 
 
 def look_into(file: Path, other: Path | None, session: Session, loader: str | None) -> "Inspection":

@@ -355,4 +355,4 @@ def synthesise(
     session.table("Simulated curves", ["spot", "channel", "points", "least", "largest"], rows)
     for file in made.files:
         session.say(str(file))
-    session.next(f"check {study}" if out is None else "check STUDY, once the study names these files")
+    session.next(f"check {study}", "" if out is None else "once the study names these files, ")

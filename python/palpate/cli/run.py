@@ -1,5 +1,6 @@
 """``palpate run``: from measured curves to identified parameters, and on where a run stopped."""
 
+import shlex
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
@@ -157,8 +158,8 @@ def _confirm(session: Session, changed: "Changed", folder: Path, *, sure: bool) 
         session.confirm(
             "\n".join(lines),
             f"go on in this folder? (no finished simulation is removed{or_trust})",
-            "use --fork FOLDER to leave the run as it is and go on in a copy, "
-            f"or --go-on to go on in it{or_trust}",
+            f"`palpate run STUDY --out {shlex.quote(str(folder))} --go-on` reuses all valid results; add "
+            f"--fork FOLDER to go on in a copy and keep this run{or_trust}",
         )
         return
     session.stderr.print("\n".join(lines), markup=False)

@@ -57,7 +57,7 @@ def check_fine(coarse: Limb, fine: Limb, near_mm: float, place: str) -> None:
         raise MeshError(
             f"{place}: not finer under the indenter: edges of {sizes[1]:.2f} mm, where the mesh has "
             f"{sizes[0]:.2f} mm; at most {FINER * sizes[0]:.2f} mm correct it. Set [fit] fine_edge to refine "
-            "the mesh itself, or name a finer one, such as `palpate limb --fine` makes"
+            "the mesh itself, or name a finer one, such as `palpate limb SCAN --fine` makes"
         )
 
 

@@ -237,8 +237,8 @@ def _layers(study: Study, limb: Limb) -> Iterator[str]:
         elif 0.0 < thick_mm < edge_mm / 2.2:
             yield (
                 f"spot '{name}': layer '{region}' is {thick_mm:.2g} mm thick, less than half of an edge "
-                f"there ({edge_mm:.2g} mm). Its bending is then wrong. Mesh the limb again with edges of at "
-                f"most {2.0 * thick_mm:.2g} mm (`palpate limb SCAN --size`)"
+                f"there ({edge_mm:.2g} mm). Its bending is then wrong. Mesh the limb again with small "
+                f'edges: `palpate limb SCAN --size "{2.0 * thick_mm:.2g} mm"`'
             )
 
 

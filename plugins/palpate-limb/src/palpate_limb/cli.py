@@ -119,9 +119,8 @@ def inspect(
     session.say(f"\n{found.study_text}")
     if drawn:
         session.say(f"picture: {picture}")
-    session.next(
-        f"init FOLDER --measured FILE --mesh {file}", "put these tables into a study.toml, or make one; "
-    )
+    how = "put these tables into a study.toml, or make one with your measured curves; "
+    session.next(f"init my-study --measured FILE --mesh {file}", how)
 
 
 def _by_name(option: str, given: list[str] | None) -> dict[str, str | None]:
@@ -203,9 +202,10 @@ def _show(session: Session, notes: Notes, regions: tuple[str, ...]) -> None:
         session.next(f"{step} {folder}", "put these tables into a study.toml, or go on with the one there; ")
         return
     meshes = (
-        f"--measured {note['spot']}.csv --mesh {next(iter(notes)) / note['spot']}.vtu" for note in first
+        f" --measured {note['spot']}.csv --mesh {next(iter(notes)) / note['spot']}.vtu" for note in first
     )
-    session.next(f"init FOLDER {' '.join(meshes)}", "put these tables into a study.toml, or make one; ")
+    how = "put these tables into a study.toml, or make one with your measured curves; "
+    session.next(f"init my-study{''.join(meshes)}", how)
 
 
 def _is_to_simulate(study: Path) -> bool:

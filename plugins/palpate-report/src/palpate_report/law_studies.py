@@ -35,7 +35,7 @@ MOST_SETS, SETS_ON_MESH = 64, 12
 VALIDATE = "validate"
 """Stage that holds each curve out in turn."""
 
-WRITTEN = "# Written by `palpate compare --materials`, which writes it again: copy it before you change it.\n"
+WRITTEN = "# Written by `palpate compare STUDY --materials all`, which overwrites it: copy it to change it.\n"
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

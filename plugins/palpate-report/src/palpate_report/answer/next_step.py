@@ -32,8 +32,8 @@ AFTER_REFUSAL: Mapping[str, str] = MappingProxyType(
     {
         "specimen": OTHER_MATERIAL,
         "discrepancy": f"check first contact, friction and sensor by the residuals; then {OTHER_MATERIAL}",
-        "ranges": "widen the ranges, and run again",
-        "": "check units, signs and columns of the measured curves, and run again",
+        "ranges": "widen the ranges in study.toml, then `palpate run {study} --out {run} --go-on`",
+        "": "check units, signs and columns of the measured curves: `palpate experiment {study} --plots`",
     }
 )
 """What to do about a run without parameters, by the check that its model failed; R² is low without one."""
@@ -61,14 +61,14 @@ def next_step(data: ReportData, estimates: Sequence[Headline], *, model: Adequac
         failed = (each for each in failed_checks(data) if each.verdict is model)
         return typed(AFTER_REFUSAL[next((e.kind for e in failed if (e.fit, e.scenario) == main), "")], data)
     if at_end := ", ".join(p.parameter for p in estimates if p.at_bound and p.identifiability != "not"):
-        return f"widen the range of {at_end} and run again; simulations are kept"
+        return f"widen the range of {at_end} in study.toml, {_again(data)}"
     if model is Adequacy.APPROXIMATES:
         return typed(OTHER_MATERIAL, data)
     open_ones = [each for each in estimates if each.identifiability != "well"]
     if not open_ones:
         return typed(WRITE_UP, data) if estimates else ""
     if any(each.level is None for each in open_ones):
-        return "search with a fit, which finds 95 % intervals and their causes (docs/fit.md)"
+        return f'set `search = "least_squares"` in `[fit]` for 95 % intervals, {_again(data)}'
     return _narrower(data, max(open_ones, key=_relative_width))
 
 
@@ -80,6 +80,10 @@ def typed(advice: str, data: ReportData) -> str:
         key: path.relative_to(here) if path.is_relative_to(here) else path for key, path in paths.items()
     }
     return advice.format(**{key: shlex.quote(path.as_posix()) for key, path in inside.items()})
+
+
+def _again(data: ReportData) -> str:
+    return typed("then `palpate run {study} --out {run} --go-on`", data)
 
 
 def _relative_width(value: Headline) -> float:
@@ -94,7 +98,8 @@ def _narrower(data: ReportData, worst: Headline) -> str:
     if not budget.is_empty():
         budget = budget.filter(parameter=worst.name).drop_nulls("share").sort("share", descending=True)
     if budget.is_empty():
-        return f"{worst.parameter} is {worst.verdict}: read the warnings, the worst first"
+        reason = typed("the page has the reason: `palpate report {run} --open`", data)
+        return f"{worst.parameter} is {worst.verdict}; {reason}"
     cause, share = budget["cause"][0], f"{100.0 * budget['share'][0]:.0f} %"
     if cause in ("range", "priors"):
         why = "is known by its prior alone" if cause == "priors" else "hardly changes the curves"
@@ -104,6 +109,8 @@ def _narrower(data: ReportData, worst: Headline) -> str:
         remedy = _more(data, worst)
     elif cause == "mesh":
         remedy = _more(data, worst) if _is_scatter(data) else _finer(data)
+    if "in `[fit]`" in remedy:
+        remedy = f"{remedy}, {_again(data)}"
     of = f"{CAUSES.get(cause, cause)}{_basis(data, cause)}"
     return f"{worst.parameter} is limited by {of}: {share} of its variance; {remedy}"
 
@@ -148,7 +155,7 @@ def _finer(data: ReportData) -> str:
     if data.fit.mesh.height and by_itself and not _is_scatter(data):
         return f"raise `fine_nodes` ({study.fine_nodes:,}) in `[fit]`"
     if any(spot.fine_mesh for spot in study.spots) or not isinstance(study.protocol, Indentation):
-        return "give finer meshes as `fine_mesh`"
+        return "give finer meshes as `fine_mesh` of the spots"
     edges = [spot.fine_edge_mm for spot in study.spots]
     usual_mm = EDGE_OVER_REACH * study.protocol.indenter.radius_mm
     # None: refined as usual; 0: not refined. Each mesh has 0.7 times the edge of the last one.
