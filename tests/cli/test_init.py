@@ -234,9 +234,25 @@ def test_layers_under_other_names_get_the_materials_of_skin_and_tissue(call: Cal
     files = ("--measured", "try/measured/p2.csv", "--mesh", "own.inp")
     outcome = call("init", "own", *files, plugin=None)
     assert "everything else from forearm-layered" in outcome.out
-    space = read_study("own").space
+    study = read_study("own")
+    assert (study.budget.layers, study.budget.bone) == ({"": 0.1}, 1.0)
+    space = study.space
     assert {each.region: each.material.name for each in space.regions} == {
         "dermis": "neo_hookean",
         "vastus": "yeoh",
     }
     assert {*space.names} == {"dermis.E", "vastus.c1"}
+
+
+def test_first_contact_on_layers_has_a_law_of_its_own(call: Call) -> None:
+    """A robot's log of a press on skin over softer tissue, and of one on a single tissue."""
+    settings = {}
+    call("init", "logs", "--study", "robot-log", plugin=None)
+    for study in ("forearm-layered", "robot-log"):
+        call("init", study, "--study", study, plugin=None)
+        files = ("--measured", "logs/logs/simulated_p2.parquet", "--mesh", f"{study}/meshes/p2.vtu")
+        assert call("init", f"own-{study}", *files, plugin=None).code == 0
+        text = Path(f"own-{study}/study.toml").read_text(encoding="utf-8")
+        settings[study] = tomllib.loads(text)["experiment"]["settings"]
+    assert settings["forearm-layered"]["onset"] == {"exponent": 1.3}
+    assert "onset" not in settings["robot-log"]

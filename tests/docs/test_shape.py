@@ -18,8 +18,8 @@ ROOT = Path(__file__).parents[2]
 LONGEST_FILE = 500
 LONGEST_FUNCTION = 45
 MOST = {
-    "lines": 76_989,
-    "lines of the core": 33_163,
+    "lines": 77_007,
+    "lines of the core": 33_181,
     "classes": 655,
     "constants": 697,
     "long files": 0,

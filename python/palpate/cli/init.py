@@ -104,9 +104,8 @@ def _write_own(
     if not test:
         _check_pairs(measured, meshes)
     looks = [_look(session, mesh) for mesh in meshes]
-    several = any(look and look.limb and len(look.limb.mesh.regions) > 1 for look in looks)
     # The ready study that gives a homogeneous test its solver and material where none is named.
-    name = study or ("treloar" if test else FOR_OWN[several])
+    name = study or ("treloar" if test else FOR_OWN[_are_layered(looks)])
     ready = Path(session.plugins.studies[name].directory)
     if test:
         text = own_test_text(ready, folder, measured, found)
@@ -211,7 +210,8 @@ def own_study_text(
     kept = "\n".join(_of_mesh(list(_tables_of(ready_text)), fullest))
     is_open = raw.get("fit", {}).keys().isdisjoint({"searched", "parametrisation"})
     searched = [SEARCHED] if "protocol" in raw and is_open else []
-    return "\n".join([*own, found.study_text, kept, *searched])
+    onset, errors = _of_layers(found.study_text) if _are_layered(looks) else ("", "")
+    return "\n".join(filter(None, [*own, found.study_text, onset, kept, *searched, errors]))
 
 
 def _file_of(measured: Path, session: Session) -> Path:
@@ -232,6 +232,24 @@ def _look(session: Session, mesh: Path) -> "Inspection | None":
     except MeshError as error:
         session.stderr.print(f"{error}; [limb] is from the ready study", markup=False)
         return None
+
+
+def _are_layered(looks: Sequence["Inspection | None"]) -> bool:
+    """Whether a mesh has several materials."""
+    return any(look and look.limb and len(look.limb.mesh.regions) > 1 for look in looks)
+
+
+def _of_layers(experiment: str) -> tuple[str, str]:
+    """Contact law of a robot's log on skin over softer tissue, and the errors that widen intervals most."""
+    law = "exponent = 1.3   # of a sphere on skin over softer tissue; 1.5 where all tissue is alike"
+    onset = f"[experiment.settings.onset]\n{law}\n" if '"robot_log"' in experiment else ""
+    errors = """[budget]
+# Standard deviations. Fixed and tied parameters have half of their value; state yours, such as
+# parameters = { "skin.nu" = "5 %" }. A thickness measured at one spot: [spot.layers] skin = "1.6 mm ± 0.2 mm"
+layers = "10 %"   # CHANGE THIS: of the thickness of each layer
+bone = "1 mm"   # CHANGE THIS: of the depth of the bones
+"""
+    return onset, errors
 
 
 def _of_mesh(blocks: list[str], look: "Inspection | None") -> list[str]:
