@@ -108,7 +108,8 @@ def save(source: Path, picture: Path, scale: float = SCALE, most: int = WIDTH) -
         flat = image.convert("RGB")
     width = min(most, round(scale * flat.width))
     flat = flat.resize((width, round(width * flat.height / flat.width)), Image.Resampling.LANCZOS)
-    flat.quantize(128).save(picture, optimize=True)
+    # The default drops colours of few pixels, such as the line of the true value.
+    flat.quantize(256, method=Image.Quantize.FASTOCTREE).save(picture, optimize=True)
 
 
 def write() -> None:

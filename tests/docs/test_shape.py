@@ -18,8 +18,8 @@ ROOT = Path(__file__).parents[2]
 LONGEST_FILE = 500
 LONGEST_FUNCTION = 45
 MOST = {
-    "lines": 77_007,
-    "lines of the core": 33_181,
+    "lines": 77_011,
+    "lines of the core": 33_182,
     "classes": 655,
     "constants": 697,
     "long files": 0,

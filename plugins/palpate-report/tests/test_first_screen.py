@@ -208,7 +208,7 @@ def test_a_formula_has_raised_powers_and_lowered_indices(formula, html):
 def test_the_chart_says_why_values_are_not_those_of_the_least_fopt(fitted):
     data = passed(fitted)
     tables = make_tables(data)
-    said = "These are the most likely values under the error budget."
+    said = "Circles are the most likely values under the error budget."
     pictures = {"intervals": b"<svg/>"}
     assert said in render(data, tables, make_conclusion(data, tables), [], pictures)
     bare = data.without_assessment()

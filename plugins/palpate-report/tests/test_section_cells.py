@@ -53,3 +53,13 @@ def test_every_other_cell_is_shown(row):
     page = template("index.html.jinja")
     shown = page.environment.get_template("blocks.html.jinja").make_module().table(block)
     assert shown.count("</td>") + shown.count("</th>") == 2 * len(row)
+
+
+def test_a_column_is_of_numbers_if_most_of_its_cells_are():
+    rows = [["a", 1.0, "x", None], ["b", "fit", 3, None], ["c", Lines([2.0, "1 to 3"]), "y", None]]
+    assert Table("Values", ["name", "value", "setting", "none"], rows).is_number == (
+        False,
+        True,
+        False,
+        False,
+    )

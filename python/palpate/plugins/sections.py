@@ -81,8 +81,9 @@ class Table:
 
     @property
     def is_number(self) -> tuple[bool, ...]:
-        """Whether each column holds numbers."""
-        return tuple(any(_is_number(row[k]) for row in self.rows) for k in range(len(self.columns)))
+        """Whether most of the cells of each column that hold something are numbers."""
+        columns = ([row[k] for row in self.rows if row[k] is not None] for k in range(len(self.columns)))
+        return tuple(2 * sum(map(_is_number, cells)) > len(cells) for cells in columns)
 
 
 def _is_number(cell: Cell) -> bool:

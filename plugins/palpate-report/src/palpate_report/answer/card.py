@@ -188,4 +188,5 @@ def causes(data: ReportData) -> str:
         f"{cause_name(data, row['cause'])} ({100.0 * row['share']:.0f} %)"
         for row in most.iter_rows(named=True)
     )
-    return f"least certain: {data.brief_name(name)}, mostly by {shares}"
+    least = "least certain: " if len(data.brief) > 1 else "interval of "
+    return f"{least}{data.brief_name(name)}, mostly by {shares}"

@@ -181,6 +181,8 @@ class MaterialItself(Section):
         )
         rows = [row for each in curves for row in rows_of(each, data.together)]
         heads = ["region", "stress", "at", f"value ({data.modulus_unit})", "lower", "upper"]
+        if len({region for region, *_ in rows}) == 1:
+            heads, rows = heads[1:], [row[1:] for row in rows]
         yield Table(f"Nominal stress of the fit to {data.together}", heads, rows)
 
     def result(self, data: ReportData, report: Report) -> str:
