@@ -7,6 +7,7 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 import polars as pl
 
 from palpate.api import SILENT, PluginError, Progress, Run, StudyError, Summary, about
@@ -136,9 +137,9 @@ def _fit_so_far(run: Run) -> FitResult:
     if not file.is_file():
         return fit
     intervals, now = pl.read_parquet(file), fit.table.row(0, named=True)
-    is_same = all(
-        now.get(name) == value for name, value in intervals.select("parameter", "value").iter_rows()
-    )
+    values = np.array([now.get(name) for name in intervals["parameter"]], dtype=float)  # None: NaN
+    # The intervals have their values by way of coordinates, which round.
+    is_same = np.allclose(values, intervals["value"], rtol=1e-9, atol=0.0)
     return replace(fit, intervals=intervals) if is_same else fit
 
 
