@@ -115,6 +115,13 @@ def test_each_cause_has_its_remedy_with_its_share_the_parameter_and_its_setting(
 STATED = dict.fromkeys(("gain", "zero", "friction"), "2 %") | {"layers": 0.2}
 
 
+def test_a_thickness_that_a_spot_states_is_not_of_the_budget(fitted):
+    (first, *others) = fitted.study.spots
+    spots = (replace(first, layers_mm={"skin": (1.6, 0.2)}), *others)
+    data = because(replace(fitted, study=replace(fitted.study, spots=spots)), "layers")
+    assert said(data).startswith(f"grip is limited by {CAUSES['layers']} that `[spot.layers]` states: 58 %")
+
+
 @pytest.mark.parametrize("probability", [0.06, 0.3, 0.9])
 def test_a_model_that_passes_its_checks_is_not_to_be_changed(fitted, probability):
     data = checked(because(budgeted(pressed(fitted), discrepancy={"force": "1 %", "torque": "3 %"}), "model"),

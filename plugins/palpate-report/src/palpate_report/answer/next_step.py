@@ -133,6 +133,8 @@ def _basis(data: ReportData, cause: str) -> str:
             f"{in_words(name)} {100.0 * budget.discrepancy_of(name):g} %" for name in data.measured_channels
         )
         return f"{', more than' if _shows_misfit(data) else ' that'} `[budget] discrepancy` states ({stated})"
+    if cause == "layers" and any(spot.layers_mm for spot in data.study.spots):
+        return " that `[spot.layers]` states"
     return f" that `[budget] {key}` {'states' if key in budget.model_fields_set else 'has by default'}"
 
 
