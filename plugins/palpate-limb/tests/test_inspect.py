@@ -145,7 +145,7 @@ def test_a_bone_is_rigid_and_each_layer_has_a_modulus(session: Session, tmp_path
         name: [k for k, v in of["parameters"].items() if isinstance(v, dict)]
         for name, of in raw["region"].items()
     }
-    assert searched == {"skin": ["c1"], "fat": ["c1"]}
+    assert searched == {"skin": ["E"], "fat": ["c1"]}
     assert main(["check", str(tmp_path / "own")]) == 0
 
 

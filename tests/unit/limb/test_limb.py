@@ -425,7 +425,7 @@ def test_a_layer_thinner_than_half_an_edge_is_a_warning(warned, kind, thin):
     layers = {"skin": 3.0, "fat": 3.0} | {thin: 1.0}
     (text,) = warned(block(kind, width_mm=24.0, n_down=18, layers_mm=layers))
     assert text.startswith(f"spot 'p1': layer '{thin}' is 1 mm thick, less than half of an edge there")
-    assert "edges of at most 2" in text
+    assert '`palpate limb SCAN --size "2 mm"`' in text
     assert warned(block(kind, width_mm=24.0, n_down=18, layers_mm={"skin": 3.0, "fat": 3.0})) == []
 
 

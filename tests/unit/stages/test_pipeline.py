@@ -126,7 +126,8 @@ def test_single_stages_write_what_the_run_writes(make_study, plugins, tmp_path):
         )
 
 
-def test_a_run_directory_moves_freely(make_study, plugins, tmp_path):
+def test_a_run_directory_moves_freely(make_study, plugins, tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)  # the next step is typed here
     study = make_study()
     pipeline.run_study(study, tmp_path / "here", plugins)
     (tmp_path / "here").rename(tmp_path / "there")
