@@ -211,6 +211,34 @@ def test_one_angle_is_the_turn_about_the_line_of_the_press(name: str, sense: flo
     (curves,) = [line for line in found.findings if line.startswith("its curves")]
     assert "over -22.5 to 22.5 degrees" in curves
     assert re.search(r"torque -2\d\.?\d* to 2\d\.?\d* N·mm", curves)
+    assert any(f"check {name} is taken for the turn of the tool" in line for line in found.findings)
+
+
+@pytest.mark.parametrize("case", ["constant", "tilted", "of a knee", "two angles"])
+def test_an_angle_that_may_not_be_the_tool_s_turn_is_asked_about(case: str, tmp_path: Path) -> None:
+    made = press(twist=case != "constant", tilt_deg=12.0 if case == "tilted" else 0.0)
+    turn = np.degrees((made.pose[0].inv() * made.pose).as_rotvec()[:, 2])
+    turn = 10.0 * np.sin(made.time_s) if case == "of a knee" else turn
+    columns = {"time_s": made.time_s} | named("x_mm y_mm z_mm", made.tip_mm) | {"rz_deg": turn}
+    columns |= {"tilt_deg": 0.0 * turn} if case == "two angles" else {}
+    columns |= wrench(made, "fx_N fy_N fz_N tx_Nm ty_Nm tz_Nm")
+    found = inspect_log(_written(tmp_path / "log.csv", columns))
+    assert found.record["problem"].startswith("not found: orientation; name their columns")
+
+
+def test_an_angle_next_to_a_force_alone_leaves_the_tool_as_it_is(tmp_path: Path) -> None:
+    made = press()
+    columns = {"time_s": made.time_s} | named("x_mm y_mm z_mm", made.tip_mm)
+    columns |= named("fx_N fy_N fz_N", made.force_N) | {"knee_angle_deg": 10.0 * np.sin(made.time_s)}
+    found = inspect_log(_written(tmp_path / "log.csv", columns))
+    assert found.record["channels"]["orientation"]["form"] == "fixed"
+    assert any("its curves: force" in line for line in found.findings)
+
+
+def test_a_time_in_whole_steps_is_a_time(tmp_path: Path) -> None:
+    made = press()
+    columns = {"t": np.arange(made.time_s.size, dtype=float)} | robot(made)
+    assert inspect_log(_written(tmp_path / "log.csv", columns)).record["channels"]["time"]["column"] == "t"
 
 
 def test_a_count_next_to_a_time_is_no_time(tmp_path: Path) -> None:

@@ -40,13 +40,22 @@ from palpate_robot_log.reading.quantities import (
     rest_of,
 )
 from palpate_robot_log.reading.raw import RawLog, Stream
-from palpate_robot_log.reading.robots import LogGuess, machine_of, proposal_of, propose, with_unit
+from palpate_robot_log.reading.robots import (
+    LogGuess,
+    machine_of,
+    proposal_of,
+    propose,
+    with_one_angle,
+    with_unit,
+)
 from palpate_robot_log.recording import Recording, rotated
 from palpate_robot_log.robot_log import RobotLogLoader
 
 _LEAST_TURN_DEG = 3.0
 _ALONG = 0.8
 _RISEN = 0.05
+_RESISTED, _LEAST_TILT_DEG = 0.5, 3.0
+"""Correlation of moment and turn, and angle between twist and press, by which one angle is the tool's."""
 
 
 def inspect_log(path: Path, wrench: Path | None = None) -> Inspection:
@@ -57,7 +66,7 @@ def inspect_log(path: Path, wrench: Path | None = None) -> Inspection:
     """
     log = read_log(path) if wrench is None else read_both(path, wrench)
     guess = propose(log) if wrench is None else _of_two(log, path, wrench)
-    guess, proposal = _chosen(log, _in_order(log, judged(log, guess)))
+    guess, proposal = _chosen(log, _in_order(log, _or_one_angle(log, judged(log, guess))))
     is_log, problem = proposal.loader == RobotLogLoader.name, "; ".join(proposal.questions)
     tried = [f"answer first: {question}" for question in proposal.questions]
     try:
@@ -156,6 +165,15 @@ def _of_log(log: RawLog, guess: LogGuess) -> Iterator[str]:
         yield f"its curves: {spans_of(press.curves)}"
     except CurveError as error:
         yield f"no curves yet: {error}"
+
+
+def _or_one_angle(log: RawLog, guess: LogGuess) -> LogGuess:
+    """Guess, or one whose tool turns by a single angle, if the tissue resists this twist about the press."""
+    if {*QUANTITIES} - {*guess.guesses} != {"orientation"} or (turned := with_one_angle(log, guess)) is None:
+        return guess
+    motion = _motion(log, found := judged(log, turned))
+    is_shown = motion is not None and motion.tilt_deg < _LEAST_TILT_DEG and motion.resistance > _RESISTED
+    return (is_shown and _first_press(log, found)) or guess
 
 
 def _is_loading(log: RawLog, machine: LogGuess) -> bool:
@@ -311,13 +329,18 @@ class _Motion(NamedTuple):
     """Press and twist of a recording by one reading, and its push as written and in the base frame.
 
     ``tilt_deg`` is between twist and press, NaN where the tool hardly turns. Pushes are cosines to the press.
-    ``is_against`` where the moment turns the tool on, as of an orientation of the other sense.
+    The resistance to the twist is a correlation of turn and moment, NaN without a twist. It is negative where
+    the moment turns the tool on, as of an orientation of the other sense.
     """
 
     tilt_deg: float
-    is_against: bool
+    resistance: float
     push_as_written: float
     push_turned: float
+
+    @property
+    def is_against(self) -> bool:
+        return self.resistance < -0.3
 
 
 def judged(log: RawLog, proposal: LogGuess) -> LogGuess:
@@ -387,8 +410,8 @@ def _motion(log: RawLog, proposal: LogGuess) -> _Motion | None:
     if sizes[largest] >= np.radians(_LEAST_TURN_DEG):
         tilt_deg = float(np.degrees(np.arccos(min(abs(about[largest]) / sizes[largest], 1.0))))
     moment = rotated(recording.quaternion[loaded:], recording.moment_Nmm[loaded:]) @ press
-    is_against = False
+    resistance = float("nan")
     if abs(push) >= _ALONG and np.ptp(about) >= np.radians(_LEAST_TURN_DEG) and np.ptp(moment):
         # The tissue's push on the tool is against the press, and its moment against the turn.
-        is_against = bool(np.sign(push) * np.corrcoef(about, moment)[0, 1] < -0.3)
-    return _Motion(tilt_deg, is_against, float(force @ press), push)
+        resistance = float(np.sign(push) * np.corrcoef(about, moment)[0, 1])
+    return _Motion(tilt_deg, resistance, float(force @ press), push)

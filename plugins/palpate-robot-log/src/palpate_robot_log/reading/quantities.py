@@ -320,13 +320,13 @@ def _time_score(column: Column) -> float:
         return 0.0
     usual = float(np.median(steps[steps > 0.0]))
     evenness = float(np.mean(np.abs(steps - usual) < 0.5 * usual))
-    is_counter = bool(words & WORDS["counter"]) or bool(np.all(steps == 1.0))
     of_time = words & WORDS["time"]
-    if is_counter and of_time == {"t"}:  # F/T Sequence
+    if words & WORDS["counter"] and of_time == {"t"}:  # F/T Sequence
         of_time = set()
     is_named = 2.0 * bool(of_time) + 2.0 * bool(shown)
     if is_named or any(word.endswith(("time", "zeit")) for word in words):
         return is_named + 1.0 + evenness
+    is_counter = bool(words & WORDS["counter"]) or bool(np.all(steps == 1.0))
     is_other = is_counter or has_role([*words]) or bool(words & {*"xyz"})
     return evenness if evenness > 0.99 and not is_other else 0.0
 

@@ -78,8 +78,6 @@ def propose(log: RawLog) -> LogGuess:
     if "force" in ranked and "moment" not in ranked:
         none = Guess(entry=_NONE, stream=ranked["force"][0].stream)
         ranked["moment"] = [none.with_check("no moment is found: there is none")]
-    if {"position", "force"} <= {*ranked} and "orientation" not in ranked:
-        ranked |= _of_one_angle(log, ranked["position"][0].stream, groups)
     if {"position", "force"} <= {*ranked} and "orientation" not in ranked and not ranked["moment"][0].names:
         stage = Guess(entry=_DOWN, stream=ranked["position"][0].stream)
         ranked["orientation"] = [stage.with_check("no orientation is found: the tool never turns")]
@@ -129,22 +127,30 @@ def _of_load_cell(log: RawLog, stream: str, groups: Sequence[Group]) -> dict[str
     return {"force": [force.with_check(check)], "moment": [Guess(entry=_NONE, stream=stream)]}
 
 
-def _of_one_angle(log: RawLog, stream: str, groups: Sequence[Group]) -> dict[str, list[Guess]]:
-    """Turn about one axis of a tool that moves along three: about z, unless its name has another axis."""
-    taken = {column.name for group in groups for column in group.columns}
-    columns = [column for column in log.stream(stream).columns.values() if column.name not in taken]
-    if (angle := pick(columns, "angle")) is None:
-        return {}
+def with_one_angle(log: RawLog, guess: LogGuess) -> LogGuess | None:
+    """Guess with the one angle of a log as the turn about the tool's axis; None without one, or with several.
+
+    The axis is z, unless the name has another one.
+    """
+    taken = {name for one in guess.guesses.values() for name in one.names}
+    stream = log.stream(guess.guesses["position"].stream)
+    columns = [column for column in stream.columns.values() if column.name not in taken]
+    angle = pick(columns, "angle")
+    if angle is None or any(factor_of(one, "angle") for one in columns if one is not angle.column):
+        return None
     name = angle.column.name
     axis = next((word[-1] for word in words_of(name) if word in ("rx", "ry", "rz", "x", "y")), "z")
-    # The press tells the axis, and the moment the sense.
     entries = [
         {"form": "axis_angle", "columns": [sign + name if each == on else NO_COLUMN for each in "xyz"]}
         for on in sorted("xyz", key=lambda each: (each != axis, each != "z"))
         for sign in ("", "-")
     ]
-    first, *others = (Guess(entry=entry, stream=stream, to_check=angle.remarks) for entry in entries)
-    return {"orientation": [replace(first, also=tuple(others))]}
+    alone = (
+        f"{name} is taken for the turn of the tool about its own axis, which is taken to be along the press"
+    )
+    first, *others = (Guess(entry=entry, stream=stream.name, to_check=(alone,)) for entry in entries)
+    turn = with_unit(log, "orientation", replace(first, also=tuple(others)), 0.0)
+    return replace(guess, guesses={**guess.guesses, "orientation": turn})
 
 
 def machine_of(log: RawLog) -> LogGuess | None:
