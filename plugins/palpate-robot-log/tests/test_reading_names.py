@@ -466,7 +466,7 @@ def test_the_unit_of_a_time_is_judged_by_the_length_of_the_log(step: float, n_ro
 def test_a_homogeneous_test_leads_to_a_study_without_a_mesh(call: Any, tmp_path: Path) -> None:
     (tmp_path / "pull.csv").write_text((DATA / "true_stress.csv").read_text())
     shown = call("experiment", "inspect", "pull.csv", plugin=None)
-    assert "palpate init FOLDER --measured pull.csv" in shown.err
+    assert "palpate init my-study --measured pull.csv" in shown.err
     assert "--mesh" not in shown.out + shown.err
     assert call("init", "rubber", "--measured", "pull.csv", plugin=None).code == 0
     study = tomllib.loads((tmp_path / "rubber" / "study.toml").read_text())
