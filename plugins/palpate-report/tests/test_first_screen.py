@@ -389,3 +389,18 @@ def test_ranges_of_the_sweep_are_headed_by_what_they_are_and_say_not_identified(
     assert {"best set", "fitted optimum", "sets as good"} <= set(others.columns)
     words = {row[others.columns.index("identifiability")] for row in others.rows}
     assert words == {"well", "not identified"}
+
+
+def test_the_ranges_of_the_sweep_have_the_digits_of_the_interval(content):
+    data = content()
+    ends = {"value": 13.9712, "optimum": 13.5123, "lower": 13.01234, "upper": 14.6321}
+    known = data.table("identifiability").with_columns(pl.lit(end).alias(name) for name, end in ends.items())
+    (section,) = (
+        each
+        for each in laid_out(data, Report.of(with_tables(data, identifiability=known)))
+        if each.name == "identifiability"
+    )
+    table = next(block for block in section.blocks if isinstance(block, Table))
+    shown = [dict(zip(table.columns, row, strict=True)) for row in table.rows]
+    heads = ("best set", "fitted optimum", "lower", "upper")
+    assert {tuple(row[head] for head in heads) for row in shown} == {("14.0", "13.5", "13.0", "14.6")}

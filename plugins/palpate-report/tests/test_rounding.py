@@ -54,6 +54,14 @@ def test_rows_of_a_frame_have_the_digits_of_their_intervals():
     ]
 
 
+def test_a_posterior_has_the_digits_of_its_interval_and_its_probabilities_at_the_ends_keep_theirs():
+    row = {
+        "mean": 1.2349, "sd": 0.1251, "lower": 1.0012, "upper": 1.4998,
+        "mean_solved": 1.2412, "at_lower": 0.0031, "at_upper": 0.9,
+    }  # fmt: skip
+    assert rounded_rows(pl.DataFrame([row])) == [("1.23", 0.1251, "1.00", "1.50", "1.24", 0.0031, 0.9)]
+
+
 def test_rounded_texts_are_numbers_of_a_table_and_of_latex():
     frame = pl.DataFrame({"parameter": ["c1"], "value": [-14.0], "lower": [-14.46], "upper": [-13.54]})
     assert Table.of("Values", frame).is_number == (False, True, True, True)

@@ -257,15 +257,15 @@ def rounded(value: float, lower: float | None = None, upper: float | None = None
 def rounded_rows(frame: "pl.DataFrame") -> list[tuple[Any, ...]]:
     """Rows of a frame; numbers next to the ends of an interval are texts with the digits of the interval.
 
-    The ends ``x_lower`` and ``x_upper`` are of the columns that begin with ``x``; others of ``value``,
-    ``optimum`` and ``left``.
+    The ends ``x_lower`` and ``x_upper`` are of the other columns that begin with ``x``; ``lower`` and
+    ``upper`` of ``value``, ``mean``, ``mean_solved``, ``optimum`` and ``left``.
     """
     rows = frame.rows(named=True)
     for upper in (name for name in frame.columns if name.endswith("upper")):
         stem = upper.removesuffix("upper")
-        of = [name for name in frame.columns if stem and f"{name}_".startswith(stem)]
-        names = {*(of if len(of) > 2 else ("value", "optimum", "left")), f"{stem}lower", upper}
-        for row in rows:
+        of = {name for name in frame.columns if f"{name}_".startswith(stem)}
+        names = of if stem else {"value", "mean", "mean_solved", "optimum", "left", "lower", upper}
+        for row in rows if len(names) > 2 else ():  # "at_upper" is a probability, the end of nothing
             ends = row.get(f"{stem}lower"), row[upper]
             if all(isinstance(end, float) and math.isfinite(end) for end in ends):
                 numbers = {name: row[name] for name in names if isinstance(row.get(name), float)}

@@ -1,11 +1,12 @@
 """Sections on how sure the parameters are: by intervals of the fit, posteriors, and sets of the sweep."""
 
 from collections.abc import Iterator
+from dataclasses import replace
 
 import polars as pl
 
 from palpate.api.fit import verdict_of
-from palpate.api.report import Block, Fold, Listing, Paragraph, Section, Table
+from palpate.api.report import Block, Fold, Listing, Paragraph, Section, Table, heading
 from palpate_report.answer.card import causes
 from palpate_report.answer.result import Report
 from palpate_report.data.report_data import ReportData
@@ -106,8 +107,8 @@ HEADS = {"value": "best set", "optimum": "fitted optimum", "n_as_good": "sets as
 
 
 def _table(caption: str, frame: pl.DataFrame) -> Table:
-    rows = printed("identifiability", frame).rename(HEADS, strict=False)
+    rows = printed("identifiability", frame)
     if "identifiability" in rows.columns:
         words = pl.col("identifiability").map_elements(verdict_of, return_dtype=pl.String)
         rows = rows.with_columns(words)
-    return Table.of(caption, rows)
+    return replace(Table.of(caption, rows), columns=[HEADS.get(name, heading(name)) for name in rows.columns])
