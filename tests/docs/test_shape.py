@@ -18,7 +18,7 @@ ROOT = Path(__file__).parents[2]
 LONGEST_FILE = 500
 LONGEST_FUNCTION = 45
 MOST = {
-    "lines": 77_044,
+    "lines": 77_058,
     "lines of the core": 33_182,
     "classes": 655,
     "constants": 697,

@@ -7,14 +7,21 @@ import numpy as np
 import polars as pl
 import pytest
 
-from palpate.api import FORCE, TORQUE, Curve, Response
+from palpate.api import FORCE, TORQUE, Channel, Curve, PluginError, Response
 from palpate_report.page.measured import write_measured_page
 
 from .chromium import COMMAND, Chromium
 from .hostile import ATTACK
 from .test_report_chromium import violations
 
-CHANNELS = {"force": FORCE, "torque": TORQUE}
+FORCE_OVER_TIME = Channel(
+    name="force_over_time",
+    abscissa="time_s",
+    ordinate="force_N",
+    abscissa_label="time (s)",
+    ordinate_label="normal force (N)",
+)
+CHANNELS = {"force": FORCE, "torque": TORQUE, "force_over_time": FORCE_OVER_TIME}
 DEPTH = np.linspace(0.0, 10.0, 11)
 
 
@@ -29,7 +36,7 @@ def press(stiffness):
 def page(tmp_path):
     """Page of presses by spot; the log of the first spot is known over time, and twice as long as drawn."""
 
-    def made(presses, notice="simulated data"):
+    def made(presses, notice="simulated data", over_time=None):
         pictures = {spot: tmp_path / f"plots{k}" for k, spot in enumerate(presses)}
         for folder in pictures.values():
             folder.mkdir()
@@ -37,7 +44,7 @@ def page(tmp_path):
         log.mkdir()
         time = np.linspace(5.0, 25.0, 2001)
         values = {"time_s": time, "depth_mm": 0.5 * (time - 5.0), "force_N": time - 5.0}
-        pl.DataFrame(values).write_csv(log / "over_time.csv")
+        pl.DataFrame(over_time or values).write_csv(log / "over_time.csv")
         path = tmp_path / "curves.html"
         write_measured_page("arm", presses, pictures, CHANNELS, notice, path)
         return path
@@ -49,7 +56,8 @@ def test_every_curve_is_on_it_under_its_axis_time_first(page):
     spots = {f"p{k}": {"one.csv": press(k), "two.csv": press(k + 0.5)} for k in range(1, 8)}
     text = page(spots).read_text()
     assert re.findall(r"<h2[^>]*>(.*)</h2>", text) == [
-        "Curves over time (s)", "Curves over indentation depth (mm)", "Curves over rotation (degrees)",
+        "Curves over time of the log (s)",
+        "Curves over indentation depth (mm)", "Curves over rotation (degrees)",
     ]  # fmt: skip
     assert "these are simulated data" in text
     time, depth, rotation = json.loads(re.search(r'id="data">(.*)</script>', text)[1])
@@ -63,6 +71,46 @@ def test_every_curve_is_on_it_under_its_axis_time_first(page):
     )
     assert depth[1]["lines"][0][0][1][-1] == pytest.approx(35.0)
     assert '<th scope="row">p7, two.csv</th>' in text
+
+
+def numbers(path):
+    """Figures of a page by their axis."""
+    text = path.read_text()
+    axes = re.findall(r"<h2[^>]*>Curves over (.*)</h2>", text)
+    return dict(zip(axes, json.loads(re.search(r'id="data">(.*)</script>', text)[1]), strict=True))
+
+
+def test_a_curve_over_time_from_first_contact_is_not_on_the_axis_of_the_log(page):
+    curve = Curve(channel="force_over_time", abscissa=[0.0, 1.0], ordinate=[0.0, 3.0])
+    found = numbers(page({"p1": {"one.csv": Response(curves={"force_over_time": curve})}}))
+    assert {axis: len(figures[0]["lines"]) for axis, figures in found.items()} == {
+        "time of the log (s)": 1,
+        "time (s)": 1,
+    }
+
+
+def test_a_long_curve_keeps_its_ends_peaks_and_gaps(page):
+    time, force = np.arange(40_003.0), np.sin(np.arange(40_003.0))
+    force[12_346], force[30_001], force[20_000:20_003], force[-1] = 24.16, -7.5, np.nan, 0.125
+    found = numbers(page({"p1": {"one.csv": press(1.0)}}, over_time={"time_s": time, "force_N": force}))
+    (((along, values),),) = found["time of the log (s)"][0]["lines"]
+    known = dict(zip(along, values, strict=True))
+    assert len(values) <= 1000
+    assert (known[0.0], known[12_346.0], known[30_001.0], known[40_002.0]) == (0.0, 24.16, -7.5, 0.125)
+    assert known[20_000.0] is None
+
+
+@pytest.mark.parametrize("times", [[], [np.nan, np.nan]])
+def test_a_log_without_rows_is_left_out(page, times):
+    over_time = {"time_s": times, "force_N": [1.0 for _ in times]}
+    frame = pl.DataFrame(over_time, schema={"time_s": pl.Float64, "force_N": pl.Float64})
+    found = numbers(page({"p1": {"one.csv": press(1.0)}}, over_time=frame.to_dict()))
+    assert list(found) == ["indentation depth (mm)", "rotation (degrees)"]
+
+
+def test_a_log_without_its_time_is_refused_by_name(page):
+    with pytest.raises(PluginError, match=r"over_time\.csv: no column 'time_s'"):
+        page({"p1": {"one.csv": press(1.0)}}, over_time={"force_N": [1.0, 2.0]})
 
 
 @pytest.mark.slow
@@ -100,3 +148,23 @@ def test_the_cursor_reads_every_curve_at_one_place(page, tmp_path):
         browser.print_media(path, dark=True)
         assert browser.value("getComputedStyle(document.body).backgroundColor") == "rgb(255, 255, 255)"
         assert browser.n_printed_pages() <= 2
+
+
+@pytest.mark.browser
+@pytest.mark.skipif(COMMAND is None, reason="no Chromium is installed")
+def test_the_cursor_reads_nothing_between_missing_values(page, tmp_path):
+    force = [0.0, 1.0, np.nan, np.nan, 4.0, 5.0]
+    path = page(
+        {"p1": {"a.csv": press(1.0)}}, over_time={"time_s": [3.0, 4.0, 5.0, 6.0, 7.0, 8.0], "force_N": force}
+    )
+    shown = "document.querySelector('[data-view=\"0\"] td').textContent"
+    read = {}
+    with Chromium(tmp_path / "chromium") as browser:
+        browser.open(path, 1100)
+        for place in (0.5, 1.0, 1.5, 2.5, 3.5, 4.0, 4.5):
+            browser.value("{const s = document.querySelector('[data-view=\"0\"] input');"
+                          f"s.value = {place}; s.dispatchEvent(new Event('input'))}}")  # fmt: skip
+            read[place] = browser.value(shown)
+    assert read == {
+        0.5: "0.5000", 1.0: "1.000", 1.5: "–", 2.5: "–", 3.5: "–", 4.0: "4.000", 4.5: "4.500",
+    }  # fmt: skip

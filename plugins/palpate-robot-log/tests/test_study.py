@@ -155,7 +155,11 @@ def test_what_inspection_proposes_reads_two_presses_and_draws_them(tmp_path, mon
     steps = ("1_as_read", "2_tared", "3_phases", "4_onset", "5_curves")
     assert drawn == {"curves.png", *(f"{log}/{step}.png" for log in ("one", "two") for step in steps)}
     page = (tmp_path / "run" / "measured" / "curves.html").read_text()
-    assert re.findall("<h2[^>]*>Curves over ([a-z ]+)", page) == ["time ", "indentation depth ", "rotation "]
+    assert re.findall("<h2[^>]*>Curves over ([a-z ]+)", page) == [
+        "time of the log ",
+        "indentation depth ",
+        "rotation ",
+    ]
     assert {f"p1, {name}" for name in ("one", "two", "one.parquet", "two.parquet")} <= set(
         re.findall('<th scope="row">([^<]+)', page)
     )

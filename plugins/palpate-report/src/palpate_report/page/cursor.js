@@ -3,12 +3,12 @@
   const data = JSON.parse(document.getElementById("data").textContent);
   const digits = (value) => (Math.abs(value) < 1e4 ? value.toPrecision(4) : value.toFixed(0)).replace("-", "−");
 
-  /** Values of a curve where its axis is at x, in the order travelled. */
+  /** Values of a curve where its axis is at x, in the order travelled; none next to a missing one. */
   function passed(along, values, x) {
-    const found = [];
+    const found = [], known = (i) => i >= 0 && along[i] !== null && values[i] !== null;
     for (let i = 1; i < along.length; i += 1) {
       const a = along[i - 1], b = along[i];
-      if (a === b || (x - a) * (x - b) > 0 || (x === a && i > 1)) continue;
+      if (!known(i - 1) || !known(i) || a === b || (x - a) * (x - b) > 0 || (x === a && known(i - 2))) continue;
       found.push(values[i - 1] + (x - a) / (b - a) * (values[i] - values[i - 1]));
     }
     return found;

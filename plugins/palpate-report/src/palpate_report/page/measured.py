@@ -11,11 +11,12 @@ from pathlib import Path
 from textwrap import fill
 from typing import Any
 
+import numpy as np
 import polars as pl
 from markupsafe import Markup
 from matplotlib.backends.backend_svg import FigureCanvasSVG
 
-from palpate.api import Channel, FloatArray, Response
+from palpate.api import Channel, FloatArray, PluginError, Response
 from palpate.api.experiment import TIME
 from palpate.api.files import write_atomically
 from palpate.api.report import Picture
@@ -65,16 +66,23 @@ def write_measured_page(
 
 
 def _logged(spot: str, pictures: Path, channels: Mapping[str, Channel]) -> Iterator[tuple[str, Line]]:
-    """Quantities over time that a loader has written next to its pictures."""
+    """Quantities over time that a loader has written next to its pictures; a PluginError without the time."""
     labels = {c.abscissa: c.abscissa_label for c in channels.values()}
     labels |= {c.ordinate: c.ordinate_label for c in channels.values()}
     for file in sorted(pictures.rglob("over_time.csv")):
         frame = pl.read_csv(file, infer_schema_length=None).cast(pl.Float64)
+        if TIME not in frame.columns:
+            raise PluginError(f"{file}: no column '{TIME}'; the loader that draws gives it, in seconds")
+        frame = frame.filter(pl.col(TIME).is_finite())
+        if frame.is_empty():
+            continue
         time = frame[TIME].to_numpy() - frame[TIME][0]
         curves = {
             labels.get(name, name): (time, frame[name].to_numpy()) for name in frame.columns if name != TIME
         }
-        yield "time (s)", Line(spot=spot, press=file.parent.relative_to(pictures).as_posix(), curves=curves)
+        # Other curves over time begin at first contact, so that they share no axis with the log.
+        press = file.parent.relative_to(pictures).as_posix()
+        yield "time of the log (s)", Line(spot=spot, press=press, curves=curves)
 
 
 def _read(
@@ -104,9 +112,8 @@ def _figure(axis: str, lines: Sequence[Line], notice: str) -> dict[str, Any]:
     looks = dict(zip(dict.fromkeys(line.spot for line in lines), LINES, strict=False))
     content = io.BytesIO()
     with styled():
-        figure = sized(
-            100.0, 28.0 * len(labels) + 18.0
-        )  # text to read on a phone, next to it values on a screen
+        # Text to read on a phone, next to it values on a screen.
+        figure = sized(100.0, 28.0 * len(labels) + 18.0)
         panels = list(figure.subplots(len(labels), 1, squeeze=False, sharex=True)[:, 0])
         for panel, label in zip(panels, labels, strict=True):
             panel.set_ylabel(fill(label, 19))
@@ -132,5 +139,12 @@ def _figure(axis: str, lines: Sequence[Line], notice: str) -> dict[str, Any]:
 
 
 def _thinned(curve: tuple[FloatArray, FloatArray] | None, most: int = 1000) -> list[list[float]] | None:
-    """Numbers of a curve as JSON, at most so many; None where there is no curve."""
-    return curve and [plain(each[:: -(-each.size // most)]) for each in curve]
+    """Numbers of a curve as JSON, at most so many, with its ends, peaks and gaps; None without a curve."""
+    if curve is None or curve[0].size <= most:
+        return curve and [plain(each) for each in curve]
+    kept = {0, curve[0].size - 1}
+    for rows in np.array_split(np.arange(curve[0].size), (most - 2) // 5):
+        along, values = (each[rows] for each in curve)
+        ends = [np.where(np.isnan(each), np.inf, each).argmin() for each in (along, -along, values, -values)]
+        kept |= set(rows[[*ends, np.isnan(values).argmax()]].tolist())
+    return [plain(each[sorted(kept)]) for each in curve]
