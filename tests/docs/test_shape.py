@@ -18,9 +18,9 @@ ROOT = Path(__file__).parents[2]
 LONGEST_FILE = 500
 LONGEST_FUNCTION = 45
 MOST = {
-    "lines": 77_058,
-    "lines of the core": 33_182,
-    "classes": 655,
+    "lines": 77_067,
+    "lines of the core": 33_191,
+    "classes": 656,
     "constants": 697,
     "long files": 0,
     "long functions": 6,

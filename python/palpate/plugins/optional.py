@@ -149,6 +149,11 @@ class PressDrawer(Protocol):
             What was written to ``folder``.
         """
 
+
+@runtime_checkable
+class ExperimentDrawer(Protocol):
+    """A stage that draws the measured curves of a whole study, for ``palpate experiment --plots``."""
+
     def draw_experiment(
         self,
         study: str,
@@ -168,6 +173,8 @@ class PressDrawer(Protocol):
             All curves.
         pictures : mapping of spot to Path
             Folders in which the loader drew its files.
+        channels, notice
+            As for :class:`PressDrawer`.
         page : Path
             File to write.
         """

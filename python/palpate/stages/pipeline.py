@@ -25,7 +25,7 @@ from palpate.fit.searches import BestSet
 from palpate.limb.loading import limb_warnings, load_limbs
 from palpate.plugins.catalogue import Plugins
 from palpate.plugins.guard import answering_for
-from palpate.plugins.optional import PressDrawer
+from palpate.plugins.optional import ExperimentDrawer, PressDrawer
 from palpate.plugins.sections import Summary
 from palpate.progress import SILENT, Progress
 from palpate.run.directory import RunDirectory, measured_files
@@ -348,12 +348,14 @@ def measure(
         directory.initialise(study, plugins.channels)
         directory.write_stage("experiment", measured_files(measured), made_from)
         directory.write_measured_to_manifest(study)
-        for stage in (each for each in stages.values() if plots and isinstance(each, PressDrawer)):
-            every = {name: found.responses for name, found in presses.items()}
-            for name, folder in folders.items():
-                stage.draw_presses(name, every[name], measured[name], plugins.channels, study.notice, folder)
-            page = directory.curves_page
-            stage.draw_experiment(study.name, every, folders, plugins.channels, study.notice, page)
+        every = {name: found.responses for name, found in presses.items()}
+        shown = plugins.channels, study.notice
+        for stage in stages.values() if plots else ():
+            if isinstance(stage, PressDrawer):
+                for name, folder in folders.items():
+                    stage.draw_presses(name, every[name], measured[name], *shown, folder)
+            if isinstance(stage, ExperimentDrawer):
+                stage.draw_experiment(study.name, every, folders, *shown, directory.curves_page)
     for text in _measured_warnings(study, measured):
         progress.note(f"warning: {text}")
     progress.step()

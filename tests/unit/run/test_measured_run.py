@@ -17,6 +17,7 @@ from palpate.run.keys import job_key
 from palpate.run.ownership import claim, keep_only
 from palpate.simulation.jobs import jobs
 from palpate.stages import pipeline
+from palpate.stages.stage import stages_of
 from palpate_report.figures.drawings import draw_presses
 
 SMALL = Indentation(
@@ -140,6 +141,16 @@ def test_pictures_of_every_file_and_of_the_mean(make_study, plugins, tmp_path, t
     assert "± one standard deviation" in text
     assert "simulated data, not a measurement" in text
     assert "one standard deviation" not in (plots / "p2" / "curves.svg").read_text()
+
+
+@pytest.mark.parametrize("name", ["draw_presses", "draw_experiment"])
+def test_a_stage_draws_with_one_method_alone(make_study, plugins, tmp_path, monkeypatch, name):
+    drawn = []
+    drawer = type("Drawer", (), {name: lambda _, *given: drawn.append(given[0])})()
+    monkeypatch.setattr(pipeline, "stages_of", lambda *given: {**stages_of(*given), "drawer": drawer})
+    study = make_study()
+    pipeline.measure(study, tmp_path / "run", plugins, plots=True)
+    assert drawn == (["p1", "p2"] if name == "draw_presses" else [study.name])
 
 
 def test_a_file_that_is_refused_leaves_the_pictures_that_show_why(make_study, plugins, tmp_path, telling):

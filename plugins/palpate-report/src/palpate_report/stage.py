@@ -103,7 +103,7 @@ class ReportStage(Stage[ReportSettings]):
         notice: str,
         page: Path,
     ) -> None:
-        """Write the page of all curves, as in :class:`palpate.plugins.optional.PressDrawer`."""
+        """Write the page of all curves, as in :class:`palpate.plugins.optional.ExperimentDrawer`."""
         from palpate_report.page.measured import write_measured_page
 
         write_measured_page(study, presses, pictures, channels, notice, page)

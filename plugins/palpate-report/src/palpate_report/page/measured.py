@@ -42,7 +42,7 @@ def write_measured_page(
     notice: str,
     page: Path,
 ) -> None:
-    """Write the page; for the arguments see :class:`palpate.plugins.optional.PressDrawer`."""
+    """Write the page; for the arguments see :class:`palpate.plugins.optional.ExperimentDrawer`."""
     views: dict[str, list[Line]] = {}
     for spot, found in presses.items():
         for axis, line in (*_logged(spot, pictures[spot], channels), *_read(spot, found, channels)):
