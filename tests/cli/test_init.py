@@ -10,6 +10,7 @@ import pytest
 
 from palpate.cli.experiment import look_into
 from palpate.cli.init import own_study_text
+from palpate.cli.limb import look_into_mesh
 from palpate.cli.session import Session
 from palpate.experiment.measured import load_measured
 from palpate.plugins.catalogue import Plugins
@@ -219,18 +220,22 @@ def test_init_names_the_studies_when_the_name_is_wrong(call: Call) -> None:
     assert not Path("mine").exists()
 
 
-def test_layers_under_other_names_get_the_materials_of_skin_and_tissue(call: Call) -> None:
-    """Two meshes of two regions; a modulus of each is searched, without a ready study that is named."""
-    call("init", "try", "--study", "forearm-layered", plugin=None)
+def write_of_two_tissues(file: str, *names: str) -> None:
+    """Write the layered forearm of the study in the folder `try` with other names of its regions."""
     ready = meshio.read("try/meshes/p2.vtu")
-    tissue = {"dermis": 0, "vastus": 1}
     own = meshio.Mesh(
         ready.points,
         {"tetra10": ready.cells_dict["tetra10"]},
         point_sets={name: np.flatnonzero(ready.point_data[name]) for name in ("fixed", "contact")},
-        cell_sets={name: [np.flatnonzero(ready.cell_data["region"][0] == k)] for name, k in tissue.items()},
+        cell_sets={name: [np.flatnonzero(ready.cell_data["region"][0] == k)] for k, name in enumerate(names)},
     )
-    own.write("own.inp")
+    own.write(file)
+
+
+def test_layers_under_other_names_get_the_materials_of_skin_and_tissue(call: Call) -> None:
+    """Two meshes of two regions; a modulus of each is searched, without a ready study that is named."""
+    call("init", "try", "--study", "forearm-layered", plugin=None)
+    write_of_two_tissues("own.inp", "dermis", "vastus")
     files = ("--measured", "try/measured/p2.csv", "--mesh", "own.inp")
     outcome = call("init", "own", *files, plugin=None)
     assert "everything else from forearm-layered" in outcome.out
@@ -244,15 +249,33 @@ def test_layers_under_other_names_get_the_materials_of_skin_and_tissue(call: Cal
     assert {*space.names} == {"dermis.E", "vastus.c1"}
 
 
-def test_first_contact_on_layers_has_a_law_of_its_own(call: Call) -> None:
-    """A robot's log of a press on skin over softer tissue, and of one on a single tissue."""
-    settings = {}
+def test_first_contact_of_a_sphere_on_skin_has_a_law_of_its_own(call: Call, tmp_path: Path) -> None:
+    """A robot's log on skin; on two tissues without skin, at two spots of which one is alike, by a punch."""
     call("init", "logs", "--study", "robot-log", plugin=None)
-    for study in ("forearm-layered", "robot-log"):
-        call("init", study, "--study", study, plugin=None)
-        files = ("--measured", "logs/logs/simulated_p2.parquet", "--mesh", f"{study}/meshes/p2.vtu")
-        assert call("init", f"own-{study}", *files, plugin=None).code == 0
-        text = Path(f"own-{study}/study.toml").read_text(encoding="utf-8")
-        settings[study] = tomllib.loads(text)["experiment"]["settings"]
-    assert settings["forearm-layered"]["onset"] == {"exponent": 1.3}
-    assert "onset" not in settings["robot-log"]
+    call("init", "try", "--study", "forearm-layered", plugin=None)
+    call("init", "alike", "--study", "forearm-demo", plugin=None)
+    write_of_two_tissues("muscles.inp", "gastrocnemius", "soleus")
+    write_of_two_tissues("skin.inp", "skin", "fat")
+    skin, log = "skin.inp", "logs/logs/simulated_p2.parquet"
+    onsets = {}
+    for name, meshes in {
+        "skin": [skin],
+        "muscles": ["muscles.inp"],
+        "mixed": [skin, "alike/meshes/p1.vtu"],
+    }.items():
+        files = [word for mesh in meshes for word in ("--measured", log, "--mesh", mesh)]
+        assert call("init", name, *files, plugin=None).code == 0
+        onsets[name] = Path(name, "study.toml").read_text(encoding="utf-8")
+    ready = Path("try/study.toml").read_text(encoding="utf-8")
+    punch = ready.replace('shape = "sphere"', 'shape = "cylinder"')
+    (tmp_path / "study.toml").write_text(punch, encoding="utf-8")
+    assert punch != ready
+    look, found = look_into_mesh(Path(skin), Session()), look_into(Path(log), None, Session(), None)
+    onsets["punch"] = own_study_text(
+        Session(), tmp_path, Path("own"), [Path(log)], [Path(skin)], [look], found
+    )
+    law = re.compile(r"^\[experiment\.settings\.onset\]\nexponent = 1\.3   # CHANGE THIS: ", re.MULTILINE)
+    assert [name for name, text in onsets.items() if law.search(text)] == ["skin"]
+    assert tomllib.loads(onsets["skin"])["experiment"]["settings"]["onset"] == {"exponent": 1.3}
+    assert [name for name, text in onsets.items() if "exponent" in text] == ["skin"]
+    assert all("[budget]" in text for text in onsets.values())

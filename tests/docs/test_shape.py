@@ -21,7 +21,7 @@ MOST = {
     "lines": 77_067,
     "lines of the core": 33_191,
     "classes": 656,
-    "constants": 697,
+    "constants": 696,
     "long files": 0,
     "long functions": 6,
     "docstrings without a noun first": 0,

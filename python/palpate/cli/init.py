@@ -24,7 +24,7 @@ if TYPE_CHECKING:
 FIRST = "first-press"
 """The ready study that is copied where none is named."""
 
-FOR_OWN = "forearm-demo", "forearm-layered"
+FOR_ONE_TISSUE, FOR_LAYERS = "forearm-demo", "forearm-layered"
 """Ready studies that give one of own presses its protocol and materials where none is named.
 
 The second is for limbs of several materials: skin is neo-Hookean there, all below it Yeoh's material.
@@ -49,7 +49,7 @@ def init(
         str | None,
         typer.Option(
             "--study",
-            help=f"Name of a ready study; default: {FIRST}, for your presses {' or '.join(FOR_OWN)}.",
+            help=f"Name of a ready study; default: {FIRST}; own presses: {FOR_ONE_TISSUE} or {FOR_LAYERS}.",
             autocompletion=ready_studies,
         ),
     ] = None,
@@ -97,15 +97,13 @@ def _write_own(
     """Write a study of own presses, or of one homogeneous test, with everything else from a ready study."""
     from palpate.cli.half_space import with_own_ranges
 
-    if meshes or wrench or not measured:
+    alone = look_into(measured[0], None, session, None) if measured and not (meshes or wrench) else None
+    if not (test := alone.test if alone else ""):
         _check_pairs(measured, meshes)
-    found = look_into(measured[0], wrench, session, None)
-    test = "" if meshes or wrench else found.test
-    if not test:
-        _check_pairs(measured, meshes)
+    found = alone or look_into(measured[0], wrench, session, None)
     looks = [_look(session, mesh) for mesh in meshes]
     # The ready study that gives a homogeneous test its solver and material where none is named.
-    name = study or ("treloar" if test else FOR_OWN[_are_layered(looks)])
+    name = study or ("treloar" if test else FOR_LAYERS if any(map(_tissues, looks)) else FOR_ONE_TISSUE)
     ready = Path(session.plugins.studies[name].directory)
     if test:
         text = own_test_text(ready, folder, measured, found)
@@ -210,7 +208,8 @@ def own_study_text(
     kept = "\n".join(_of_mesh(list(_tables_of(ready_text)), fullest))
     is_open = raw.get("fit", {}).keys().isdisjoint({"searched", "parametrisation"})
     searched = [SEARCHED] if "protocol" in raw and is_open else []
-    onset, errors = _of_layers(found.study_text) if _are_layered(looks) else ("", "")
+    shape = raw.get("protocol", {}).get("indenter", {}).get("shape")
+    onset, errors = _of_layers(found.study_text, [*map(_tissues, looks)], shape)
     return "\n".join(filter(None, [*own, found.study_text, onset, kept, *searched, errors]))
 
 
@@ -234,22 +233,24 @@ def _look(session: Session, mesh: Path) -> "Inspection | None":
         return None
 
 
-def _are_layered(looks: Sequence["Inspection | None"]) -> bool:
-    """Whether a mesh has several materials."""
-    return any(look and look.limb and len(look.limb.mesh.regions) > 1 for look in looks)
+def _tissues(look: "Inspection | None") -> Sequence[str]:
+    """Regions of a mesh of several; none of another mesh."""
+    regions = look.limb.mesh.regions if look and look.limb else ()
+    return regions if len(regions) > 1 else ()
 
 
-def _of_layers(experiment: str) -> tuple[str, str]:
-    """Contact law of a robot's log on skin over softer tissue, and the errors that widen intervals most."""
-    law = "exponent = 1.3   # of a sphere on skin over softer tissue; 1.5 where all tissue is alike"
-    onset = f"[experiment.settings.onset]\n{law}\n" if '"robot_log"' in experiment else ""
+def _of_layers(experiment: str, tissues: Sequence[Sequence[str]], shape: str | None) -> tuple[str, str]:
+    """Contact law of a robot's log of a sphere on skin, and the errors that widen intervals most."""
+    law = "exponent = 1.3   # CHANGE THIS: of a sphere on skin over softer tissue; 1.5 where all is alike"
+    is_on_skin = shape == "sphere" and all(any(map(_is_skin, regions)) for regions in tissues)
     errors = """[budget]
 # Standard deviations. Fixed and tied parameters have half of their value; state yours, such as
 # parameters = { "skin.nu" = "5 %" }. A thickness measured at one spot: [spot.layers] skin = "1.6 mm ± 0.2 mm"
 layers = "10 %"   # CHANGE THIS: of the thickness of each layer
 bone = "1 mm"   # CHANGE THIS: of the depth of the bones
 """
-    return onset, errors
+    onset = f"[experiment.settings.onset]\n{law}\n" if is_on_skin and '"robot_log"' in experiment else ""
+    return onset, errors if any(tissues) else ""
 
 
 def _of_mesh(blocks: list[str], look: "Inspection | None") -> list[str]:
@@ -260,9 +261,8 @@ def _of_mesh(blocks: list[str], look: "Inspection | None") -> list[str]:
     tables = [(found[1], found[2]) if (found := head(block)) else ("", None) for block in blocks]
     there = list(dict.fromkeys(name for table, name in tables if name and table == "region"))
     regions = there if look.limb is None else look.limb.mesh.regions
-    limb = look.study_text[look.study_text.index("[limb]") :]
     kept = [
-        limb if table == "limb" else block
+        look.study_text[look.study_text.index("[limb]") :] if table == "limb" else block
         for block, (table, name) in zip(blocks, tables, strict=True)
         if (table != "limb" or name is None) and (table != "region" or name in regions)
     ]
