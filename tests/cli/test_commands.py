@@ -2,6 +2,7 @@
 
 import os
 import re
+import shlex
 import subprocess
 import sys
 from pathlib import Path
@@ -333,3 +334,22 @@ def test_settings_of_nested_tables_are_listed(call: Call) -> None:
     assert rows["channels"]["default"]["torque"]["ordinate"] == {"name": "torque_Nmm"}
     assert rows["channels.<name>.ordinate.scale"]["default"] is None
     assert not any("$" in row["type"] for row in rows.values())
+
+
+def test_next_commands_on_paths_with_blanks_can_be_pasted(call: Call) -> None:
+    """Each parses back to its paths: of a study, of one stage in a run, of a file to inspect."""
+    rows = "".join(f"{0.1 * k:.1f},{0.01 * k**1.5:.4f}\n" for k in range(31))
+    Path("my press.csv").write_text(f"Depth (mm),Load (N)\n{rows}", encoding="utf-8")
+    study = ("my arm", "--out", "runs/my arm")
+    for arguments, expected in (
+        (("init", "--study", "toy", "my arm"), ["check", "my arm"]),
+        (("check", "my arm"), ["run", "my arm"]),
+        (("sample", *study), [*study]),
+        (("experiment", *study), [*study]),
+        (("simulate", *study), ["score", *study]),
+        (("experiment", "inspect", "my press.csv"), ["--measured", "my press.csv", "--mesh", "MESH"]),
+    ):
+        outcome = call(*arguments)
+        assert outcome.code == 0, outcome.err
+        (words,) = re.findall(r"next: palpate (.*)", outcome.err)
+        assert shlex.split(words)[-len(expected) :] == expected

@@ -13,7 +13,7 @@ from palpate.cli.options import AsJson
 from palpate.cli.progress import StageProgress
 from palpate.cli.results import data_notice
 from palpate.cli.runs import newest_run
-from palpate.cli.session import Session
+from palpate.cli.session import Session, typed
 from palpate.errors import StudyError
 from palpate.progress import FIRST_LOOK
 
@@ -68,7 +68,7 @@ def check(
         return
     _show(session, checked_study, checked)
     _say_cost(session, study, checked.design.n_sets, left)
-    session.next(f"run {study}")
+    session.next("run {study}", study=study)
 
 
 def _cost(
@@ -100,7 +100,9 @@ def _say_cost(session: Session, path: Path, n_sets: int, left: "Cost") -> None:
         return
     session.say(str(left))
     if first := left.first_look(n_sets):
-        session.say(f"{first}: palpate run {path} --sets {FIRST_LOOK}; the whole run keeps its simulations")
+        session.say(
+            f"{first}: palpate run {typed(path)} --sets {FIRST_LOOK}; the whole run keeps its simulations"
+        )
 
 
 def _as_json(study: "Study", checked: "StudyInputs", left: "Cost") -> "CheckOutput":

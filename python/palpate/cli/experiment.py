@@ -81,7 +81,8 @@ def experiment(
         if directory.curves_page.is_file():
             session.say(f"Page  {directory.curves_page.resolve().as_uri()}")
     run = read_run(checked, directory, session.plugins)
-    session.next(f"{command_after(run, 'experiment')} {study} --out {folder}", f"written to {folder}; ")
+    step, where = command_after(run, "experiment"), f"written to {folder}; "
+    session.next(f"{step} {{study}} --out {{out}}", where, study=study, out=folder)
 
 
 def show_cycles(session: Session, measured: "Mapping[str, Response]") -> None:
@@ -179,11 +180,11 @@ def inspect(
         session.say(f"- {finding}")
     if found.study_text:
         session.say(f"\n{found.study_text}")
-        wrench = f" --wrench {other}" if other else ""
+        wrench = " --wrench {wrench}" if other else ""
         mesh = "" if found.test else " --mesh MESH"
         how = "put these tables into a study.toml, or make one"
         how += "; " if found.test else " with your mesh of the limb at the spot; "
-        session.next(f"init my-study --measured {file}{wrench}{mesh}", how)
+        session.next(f"init my-study --measured {{file}}{wrench}{mesh}", how, file=file, wrench=other)
 
 
 def look_into(file: Path, other: Path | None, session: Session, loader: str | None) -> "Inspection":

@@ -81,7 +81,7 @@ def init(
             session.json({"study": ready.name, "folder": str(folder)})
         else:
             session.say(f"{ready.name} copied to {folder}")
-            session.next(ready.first_command.replace("{folder}", str(folder)))
+            session.next(ready.first_command, folder=folder)
 
 
 def _write_own(
@@ -123,7 +123,7 @@ def _write_own(
     asked = [*found.findings, *re.findall("^# (answer first.*)", text, flags=re.MULTILINE)]
     for question in dict.fromkeys(each for each in asked if each.startswith("answer first")):
         session.note(f"{question} (a comment in the study)")
-    session.next(f"check {folder}")
+    session.next("check {folder}", folder=folder)
 
 
 def own_test_text(ready: Path, folder: Path, measured: Sequence[Path], found: "Inspection") -> str:
@@ -373,4 +373,4 @@ def synthesise(
     session.table("Simulated curves", ["spot", "channel", "points", "least", "largest"], rows)
     for file in made.files:
         session.say(str(file))
-    session.next(f"check {study}", "" if out is None else "once the study names these files, ")
+    session.next("check {study}", "" if out is None else "once the study names these files, ", study=study)

@@ -1,6 +1,5 @@
 """``palpate run``: from measured curves to identified parameters, and on where a run stopped."""
 
-import shlex
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
@@ -22,7 +21,7 @@ from palpate.cli.options import (
 from palpate.cli.progress import StageProgress
 from palpate.cli.results import run_values, show_summary
 from palpate.cli.runs import original_study
-from palpate.cli.session import Session, run_folder
+from palpate.cli.session import Session, run_folder, typed
 from palpate.errors import FirstAnswerError, StudyError
 
 if TYPE_CHECKING:
@@ -139,7 +138,7 @@ def _show_first_answer(session: Session, folder: Path) -> None:
 
     for label, text in RunDirectory(folder).result().items():
         session.labelled(label, text)
-    session.next(f"run {folder}")
+    session.next("run {folder}", folder=folder)
 
 
 def _confirm(session: Session, changed: "Changed", folder: Path, *, sure: bool) -> None:
@@ -158,7 +157,7 @@ def _confirm(session: Session, changed: "Changed", folder: Path, *, sure: bool) 
         session.confirm(
             "\n".join(lines),
             f"go on in this folder? (no finished simulation is removed{or_trust})",
-            f"`palpate run STUDY --out {shlex.quote(str(folder))} --go-on` reuses all valid results; add "
+            f"`palpate run STUDY --out {typed(folder)} --go-on` reuses all valid results; add "
             f"--fork FOLDER to go on in a copy and keep this run{or_trust}",
         )
         return

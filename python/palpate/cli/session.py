@@ -143,15 +143,16 @@ class Session:
             raise StudyError(f"{text}\n{otherwise}")
         typer.confirm(f"{text}\n{question}", abort=True, err=True)
 
-    def next(self, command: str, before: str = "") -> None:
-        """Print the command to run next, with the plugin files of this one."""
+    def next(self, command: str, before: str = "", **paths: Path | None) -> None:
+        """Print the command to run next, with the plugin files of this one; a path is named in braces."""
+        command = command.format(**{name: typed(path) for name, path in paths.items() if path})
         self.stderr.print(f"{before}next: palpate {self._options}{command}", markup=False)
 
     def addressed(self, text: str) -> str:
         """Message whose commands on ``STUDY`` are those on the study that was read, with its plugins."""
         if self.asked is None:
             return text
-        study = shlex.quote(str(self.asked))
+        study = typed(self.asked)
 
         def command(found: re.Match[str]) -> str:
             return f"`palpate {self._options}{found[1]}{study}{found[2]}`"
@@ -161,7 +162,7 @@ class Session:
     @property
     def _options(self) -> str:
         """Options by which another call has the plugins of this one."""
-        options = [f"--plugin {shlex.quote(str(file))} " for file in self.files]
+        options = [f"--plugin {typed(file)} " for file in self.files]
         return "".join([*options, *(f"--no-plugin {name} " for name in self.without)])
 
     def say(self, text: str) -> None:
@@ -247,9 +248,14 @@ def _refuse_run(path: Path) -> None:
 
     if is_run(path) and not is_of(path, path / "study.toml"):
         raise StudyError(
-            f"{path}: a run directory, not a study; `palpate run {path}` continues it, "
-            f"`palpate report {path}` shows it"
+            f"{path}: a run directory, not a study; `palpate run {typed(path)}` continues it, "
+            f"`palpate report {typed(path)}` shows it"
         )
+
+
+def typed(path: Path) -> str:
+    """Path as it is typed in a command."""
+    return shlex.quote(path.as_posix())
 
 
 def run_folder(study: "Study", out: Path | None) -> Path:

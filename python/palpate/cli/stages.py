@@ -54,7 +54,8 @@ def stage_command(name: str, help_text: str) -> Callable[..., None]:
                 session.say(line)
             for title, frame in summary.tables.items():
                 session.frame(title, frame)
-            session.next(f"{command_after(run, name)} {study} --out {folder}", f"written to {folder}; ")
+            step, where = command_after(run, name), f"written to {folder}; "
+            session.next(f"{step} {{study}} --out {{out}}", where, study=study, out=folder)
         if summary.missing:
             raise NothingSelectableError(summary.missing)
 
@@ -114,7 +115,7 @@ def simulate(
         session.json(counts)
         return
     session.table("Simulations", ["status", "number"], counts.most_common())
-    session.next(f"score {study} --out {folder}", f"written to {folder}; ")
+    session.next("score {study} --out {out}", f"written to {folder}; ", study=study, out=folder)
 
 
 SAMPLE, *_AFTER_SIMULATE = (stage_command(name, text) for name, text in GENERATED.items())

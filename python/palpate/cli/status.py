@@ -82,7 +82,7 @@ def _show(session: Session, seen: "RunStatus") -> None:
     for label, text in seen.result.items():
         session.labelled(label, text)
     if seen.is_unfinished:
-        session.next(f"run {seen.folder}")
+        session.next("run {folder}", folder=seen.folder)
 
 
 def _line(seen: "RunStatus") -> str:

@@ -120,7 +120,7 @@ def inspect(
     if drawn:
         session.say(f"picture: {picture}")
     how = "put these tables into a study.toml, or make one with your measured curves; "
-    session.next(f"init my-study --measured FILE --mesh {file}", how)
+    session.next("init my-study --measured FILE --mesh {file}", how, file=file)
 
 
 def _by_name(option: str, given: list[str] | None) -> dict[str, str | None]:
@@ -199,13 +199,12 @@ def _show(session: Session, notes: Notes, regions: tuple[str, ...]) -> None:
     folder = next(iter(notes)).parent
     if (folder / "study.toml").is_file():
         step = "synthesise" if _is_to_simulate(folder / "study.toml") else "check"
-        session.next(f"{step} {folder}", "put these tables into a study.toml, or go on with the one there; ")
+        how = "put these tables into a study.toml, or go on with the one there; "
+        session.next(f"{step} {{folder}}", how, folder=folder)
         return
-    meshes = (
-        f" --measured {note['spot']}.csv --mesh {next(iter(notes)) / note['spot']}.vtu" for note in first
-    )
+    meshes = (f" --measured {note['spot']}.csv --mesh {{folder}}/{note['spot']}.vtu" for note in first)
     how = "put these tables into a study.toml, or make one with your measured curves; "
-    session.next(f"init my-study{''.join(meshes)}", how)
+    session.next(f"init my-study{''.join(meshes)}", how, folder=next(iter(notes)))
 
 
 def _is_to_simulate(study: Path) -> bool:

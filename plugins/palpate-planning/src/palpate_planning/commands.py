@@ -149,9 +149,8 @@ def _say_next(session: Session, found: "Proposal", folder: Path | None, poses: s
         session.note(f"no fit, so over the ranges of the study; {poses}")
         return
     name = found.steps[0].chosen.press.press.name
-    session.next(
-        f"extend {folder} --press {name} --with {name}.csv", f"{poses}; once the press is measured, "
-    )
+    before = f"{poses}; once the press is measured, "
+    session.next(f"extend {{folder}} --press {name} --with {name}.csv", before, folder=folder)
 
 
 def _run_to_extend(given: Path | None, out: Path | None) -> Path | None:
