@@ -18,7 +18,7 @@ ROOT = Path(__file__).parents[2]
 LONGEST_FILE = 500
 LONGEST_FUNCTION = 45
 MOST = {
-    "lines": 77_074,
+    "lines": 77_078,
     "lines of the core": 33_200,
     "classes": 656,
     "constants": 696,

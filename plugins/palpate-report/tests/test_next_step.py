@@ -66,7 +66,7 @@ def said(data):
 
 def again(data):
     """The command after a change of the study."""
-    return typed("then `palpate run {study} --out {run} --go-on`", data)
+    return typed("then `palpate run {run} --go-on`", data)
 
 
 def rank(data):
@@ -79,6 +79,24 @@ def test_commands_name_the_folder_of_the_run(fitted, monkeypatch, tmp_path, fold
     data = replace(because(pressed(fitted), "range"), folder=tmp_path / folder)
     assert said(data).endswith(f"`palpate next {shown} --for {WORST}`")
     assert said(replace(data, unfinished="2 of 3")) == f"finish the run: `palpate run {shown}`"
+
+
+def test_advice_names_a_study_file_of_another_name(fitted, monkeypatch, tmp_path):
+    """The run is continued by its own folder, which knows the file."""
+    monkeypatch.chdir(tmp_path)
+    file = tmp_path / "my fp" / "soft.toml"
+    ended = at_end_of_range(because(fitted, "friction"), WORST)
+    data = replace(ended, study=replace(ended.study, file=file), folder=tmp_path / "runs" / "x")
+    assert said(data) == "widen the range of grip in soft.toml, then `palpate run runs/x --go-on`"
+    assert (
+        typed(AFTER_REFUSAL["ranges"], data)
+        == "widen the ranges in soft.toml, then `palpate run runs/x --go-on`"
+    )
+    assert typed(AFTER_REFUSAL["specimen"], data).endswith(
+        "`palpate compare 'my fp/soft.toml' --materials all`"
+    )
+    whole = replace(data, study=replace(data.study, file=file.with_name("study.toml")))
+    assert typed(AFTER_REFUSAL["specimen"], whole).endswith("`palpate compare 'my fp' --materials all`")
 
 
 def budgeted(data, **keys):

@@ -32,7 +32,7 @@ AFTER_REFUSAL: Mapping[str, str] = MappingProxyType(
     {
         "specimen": OTHER_MATERIAL,
         "discrepancy": f"check first contact, friction and sensor by the residuals; then {OTHER_MATERIAL}",
-        "ranges": "widen the ranges in study.toml, then `palpate run {study} --out {run} --go-on`",
+        "ranges": "widen the ranges in {file}, then `palpate run {run} --go-on`",
         "": "check units, signs and columns of the measured curves: `palpate experiment {study} --plots`",
     }
 )
@@ -61,7 +61,7 @@ def next_step(data: ReportData, estimates: Sequence[Headline], *, model: Adequac
         failed = (each for each in failed_checks(data) if each.verdict is model)
         return typed(AFTER_REFUSAL[next((e.kind for e in failed if (e.fit, e.scenario) == main), "")], data)
     if at_end := ", ".join(p.parameter for p in estimates if p.at_bound and p.identifiability != "not"):
-        return f"widen the range of {at_end} in study.toml, {_again(data)}"
+        return f"widen the range of {at_end} in {data.study.file.name}, {_again(data)}"
     if model is Adequacy.APPROXIMATES:
         return typed(OTHER_MATERIAL, data)
     open_ones = [each for each in estimates if each.identifiability != "well"]
@@ -74,16 +74,20 @@ def next_step(data: ReportData, estimates: Sequence[Headline], *, model: Adequac
 
 def typed(advice: str, data: ReportData) -> str:
     """Advice whose command names the folders of run and study, as they are typed here."""
-    paths = {"run": data.folder.resolve(), "study": data.study.file.parent}
+    file = data.study.file
+    # A folder is its study.toml; a study file of another name is named.
+    study = file.parent if file.name == "study.toml" else file
+    paths = {"run": data.folder.resolve(), "study": study}
     here = Path.cwd()
     inside = {
         key: path.relative_to(here) if path.is_relative_to(here) else path for key, path in paths.items()
     }
-    return advice.format(**{key: shlex.quote(path.as_posix()) for key, path in inside.items()})
+    commands = {key: shlex.quote(path.as_posix()) for key, path in inside.items()}
+    return advice.format(file=file.name, **commands)
 
 
 def _again(data: ReportData) -> str:
-    return typed("then `palpate run {study} --out {run} --go-on`", data)
+    return typed("then `palpate run {run} --go-on`", data)
 
 
 def _relative_width(value: Headline) -> float:
