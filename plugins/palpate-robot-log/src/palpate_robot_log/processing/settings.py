@@ -108,7 +108,7 @@ class OnsetChoice(Settings):
         default=1.5,
         ge=1.0,
         le=3.0,
-        description="Of the law: 3/2 for a sphere, or 1.3 on skin over soft tissue; flat punch 1, cone 2.",
+        description="Of the law: sphere 1.5, sphere on skin over softer tissue 1.3, flat punch 1, cone 2.",
     )
     time: Seconds | None = Field(default=None, description="Time stamp of first contact.")
 
