@@ -271,7 +271,7 @@ def test_run_prints_results_to_stdout_and_progress_to_stderr(call: Call, study: 
     assert Path("here/design.parquet").is_file()
 
 
-LABELS = ["Conclusion", "Parameters", "True", "Warnings", "Next", "Time", "Page"]
+LABELS = ["Conclusion", "Parameters", "Assumed", "True", "Warnings", "Next", "Time", "Page"]
 
 
 @pytest.mark.slow
