@@ -94,15 +94,6 @@ def test_the_map_of_a_machine_that_turns_is_the_proposed_one(tmp_path: Path) -> 
     assert curves["torque"].abscissa[curves["torque"].ordinate.argmax()] == pytest.approx(20.0, abs=1.0)
 
 
-def test_the_steps_are_those_of_the_loader() -> None:
-    listed = re.search(r"robot_log` lists the settings\): (.*?)\.\n", GUIDE, flags=re.DOTALL)[1]
-    assert re.findall(r"`(\w+)`", listed) == [
-        name
-        for name in RobotLogSettings.model_fields
-        if name not in ("channels", "files", "text", "limits", "cycle")
-    ]
-
-
 def test_the_pictures_are_those_that_are_drawn() -> None:
     source = (
         Path(__file__).parents[2] / "plugins/palpate-robot-log/src/palpate_robot_log/pictures.py"
