@@ -267,11 +267,10 @@ def _of_mesh(blocks: list[str], look: "Inspection | None") -> list[str]:
         if (table != "limb" or name is None) and (table != "region" or name in regions)
     ]
     # Skin under another name gets the material of the ready study's skin, other tissue the one of its tissue.
-    for name in regions if there else ():
+    for name in (each for each in regions if there and each not in there):
         alike = next((each for each in there if _is_skin(each) == _is_skin(name)), there[0])
         material = (block for block, t in zip(blocks, tables, strict=True) if t == ("region", alike))
-        if name not in there:
-            kept += [block.replace(f"[region.{alike}", f"[region.{name}") for block in material]
+        kept += [block.replace(f"[region.{alike}", f"[region.{name}") for block in material]
     return kept
 
 

@@ -121,7 +121,7 @@ class LoadingDrawer(Protocol):
 
 @runtime_checkable
 class PressDrawer(Protocol):
-    """A stage that draws the measured curves, for ``palpate experiment --plots``."""
+    """A stage that draws the measured curves of a spot, for ``palpate experiment --plots``."""
 
     def draw_presses(
         self,

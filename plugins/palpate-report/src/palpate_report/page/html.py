@@ -89,7 +89,7 @@ def _figures(blocks: Iterable[Block]) -> Iterator[Figure]:
             yield from _figures(block.options)
 
 
-FOLDER = Path(__file__).parent
+_FOLDER = Path(__file__).parent
 
 LEADING_PICTURES = {
     "limbs": "The limb with its bones and the indenter at each spot",
@@ -148,10 +148,7 @@ def render(
     pictures : mapping of str to bytes
         SVG of each figure by its name.
     """
-    style, *scripts = (
-        (FOLDER / name).read_text(encoding="utf-8") for name in ("page.css", "skin.js", "page.js")
-    )
-    script = "\n".join(scripts)
+    script = "\n".join(map(text_of, ("skin.js", "page.js")))
     source, packed = library()
     report = Report(tables=tables, files=tuple(files), conclusion=conclusion, pictures=pictures)
     sections = laid_out(data, report)
@@ -170,8 +167,6 @@ def render(
         data=page_data(data) | {"figures": [figure_data(figure) for figure in figures]},
         generalises="generalised" in tables and len(data.spots) > 1,
         files=_by_stem(files),
-        # These come from palpate's own files and hold no name of anybody's study.
-        style=Markup(style),
         script=Markup(script),
         library=packed,
         policy=content_policy(script, source),
@@ -184,7 +179,6 @@ def comparison_page(title: str, blocks: Sequence[Block], files: Sequence[Path]) 
         title=title,
         blocks=blocks,
         files=_by_stem(files),
-        style=Markup((FOLDER / "page.css").read_text(encoding="utf-8")),
         policy=content_policy(),
     )
 
@@ -193,7 +187,7 @@ def comparison_page(title: str, blocks: Sequence[Block], files: Sequence[Path]) 
 def template(name: str = "index.html.jinja") -> jinja2.Template:
     """Return a page, compiled once in a process."""
     environment = jinja2.Environment(
-        loader=jinja2.FileSystemLoader(FOLDER),
+        loader=jinja2.FileSystemLoader(_FOLDER),
         autoescape=True,
         undefined=jinja2.StrictUndefined,
         trim_blocks=True,
@@ -209,6 +203,8 @@ def template(name: str = "index.html.jinja") -> jinja2.Template:
         "typeset": typeset,
         "code": _code,
     }
+    # Style and scripts come from palpate's own files and hold no name of anybody's study.
+    environment.globals["style"] = Markup(text_of("page.css"))
     environment.filters |= filters | {"kind": _kind, "grouped": _grouped}
     return environment.get_template(name)
 
@@ -220,6 +216,11 @@ def library() -> tuple[str, str]:
 
     source: str = get_plotlyjs()
     return source, base64.b64encode(zlib.compress(source.encode(), 9)).decode()
+
+
+def text_of(name: str) -> str:
+    """Style sheet or script that a page holds, by the name of its file."""
+    return (_FOLDER / name).read_text(encoding="utf-8")
 
 
 def content_policy(*scripts: str) -> str:

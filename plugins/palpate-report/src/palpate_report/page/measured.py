@@ -22,7 +22,7 @@ from palpate.api.files import write_atomically
 from palpate.api.report import Picture
 from palpate_report.data.showable import plain
 from palpate_report.figures.style import LINES, finished, sized, styled
-from palpate_report.page.html import FOLDER, content_policy, template
+from palpate_report.page.html import content_policy, template, text_of
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -51,14 +51,13 @@ def write_measured_page(
         {"axis": axis, "figures": [_figure(axis, some, notice) for some in _by_spots(lines)]}
         for axis, lines in views.items()
     ]
-    style, script = ((FOLDER / name).read_text(encoding="utf-8") for name in ("page.css", "cursor.js"))
+    script = text_of("cursor.js")
     text = template("measured.html.jinja").render(
         study=study,
         notice=notice,
         date=datetime.now().astimezone().date().isoformat(),
         views=drawn,
         data=[[figure["data"] for figure in view["figures"]] for view in drawn],
-        style=Markup(style),
         script=Markup(script),
         policy=content_policy(script),
     )

@@ -173,7 +173,8 @@ def _or_one_angle(log: RawLog, guess: LogGuess) -> LogGuess:
         return guess
     motion = _motion(log, found := judged(log, turned))
     is_shown = motion is not None and motion.tilt_deg < _LEAST_TILT_DEG and motion.resistance > _RESISTED
-    return (is_shown and _first_press(log, found)) or guess
+    pressed = _first_press(log, found) if is_shown else None
+    return pressed or guess
 
 
 def _is_loading(log: RawLog, machine: LogGuess) -> bool:
