@@ -46,7 +46,7 @@ class Pose:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Velocity:
-    """Velocity of the indenter's lowest point (3,) [mm], and its spin (3,) [radians]."""
+    """Velocity of the indenter's lowest point (..., 3) [mm], and its spin (..., 3) [radians]."""
 
     tip: FloatArray
     spin: FloatArray
@@ -105,22 +105,23 @@ class ContactState:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Change:
-    """Rates, per unit of some parameter, of all that the tractions at points depend on.
+    """Rates, per unit of some parameters (...), of all that the tractions at points depend on.
 
     Parameters
     ----------
-    positions, anchors : (k, 3) array
+    positions, anchors : (..., k, 3) array
         In the indenter's frame.
+    penalty, friction : (..., 1) array
     """
 
     positions: FloatArray
     anchors: FloatArray
-    penalty: float
-    friction: float
+    penalty: FloatArray
+    friction: FloatArray
 
     def of(self, where: IntArray) -> "Change":
         """The change of some of the points."""
-        return Change(self.positions[where], self.anchors[where], self.penalty, self.friction)
+        return replace(self, positions=self.positions[..., where, :], anchors=self.anchors[..., where, :])
 
 
 def _outer(a: FloatArray, b: FloatArray) -> FloatArray:
@@ -128,7 +129,11 @@ def _outer(a: FloatArray, b: FloatArray) -> FloatArray:
 
 
 def _dot(a: FloatArray, b: FloatArray) -> FloatArray:
-    return np.asarray((a * b).sum(axis=1))
+    return np.asarray((a * b).sum(axis=-1))
+
+
+def _along(lengths: FloatArray, vectors: FloatArray) -> FloatArray:
+    return np.asarray(lengths[..., None] * vectors)
 
 
 def _times(factor: FloatArray, array: FloatArray) -> FloatArray:
@@ -239,30 +244,31 @@ class Points:
         return np.where((self.depth > 0.0)[:, None, None], derivative, 0.0)
 
     def rates(self, change: Change) -> tuple[FloatArray, FloatArray]:
-        """Rates (k, 3) of the traction and of the friction in it."""
+        """Rates (..., k, 3) of the traction and of the friction in it."""
         touching, n = self.depth > 0.0, self._normals[0]
         d_depth = np.where(touching, -_dot(n, change.positions), 0.0)
-        d_normal = (self._normals[1] @ change.positions[:, :, None])[:, :, 0]
+        d_normal = (self._normals[1] @ change.positions[..., None])[..., 0]
         d_pressure = change.penalty * self.depth + self.law.penalty * d_depth
         d_trial = self._trial_rate(change, d_depth, d_normal)
         size = np.maximum(self._size, 1e-300)
         direction = self._trial / size[:, None]
         d_limit = change.friction * self.pressure + self.law.friction * d_pressure
-        turning = d_trial - _times(_dot(direction, d_trial), direction)
-        d_sliding = _times(self._limit / size, turning) + _times(d_limit, direction)
+        turning = d_trial - _along(_dot(direction, d_trial), direction)
+        d_sliding = _along(self._limit / size, turning) + _along(d_limit, direction)
         d_friction = np.where(self.sliding[:, None], d_sliding, d_trial)
         d_friction = np.where(touching[:, None], d_friction, 0.0)
-        return _times(d_pressure, n) + _times(self.pressure, d_normal) - d_friction, d_friction
+        return _along(d_pressure, n) + _along(self.pressure, d_normal) - d_friction, d_friction
 
     def _trial_rate(self, change: Change, d_depth: FloatArray, d_normal: FloatArray) -> FloatArray:
         (n, _), (share, share_slope) = self._normals, self._held_share
         way = self.positions - self.anchors
-        slip = _times(share, way)
+        slip = _along(share, way)
         d_share = share_slope * d_depth + self._share_rate(change.anchors)
-        d_slip = _times(share, change.positions - change.anchors) + _times(d_share, way)
+        d_slip = _along(share, change.positions - change.anchors) + _along(d_share, way)
         along, d_along = _dot(n, slip), _dot(n, d_slip) + _dot(d_normal, slip)
-        d_tangential = d_slip - _times(d_along, n) - _times(along, d_normal)
-        return self.law.penalty * d_tangential + change.penalty / self.law.penalty * self._trial
+        d_tangential = d_slip - _along(d_along, n) - _along(along, d_normal)
+        stiffer = change.penalty[..., None] / self.law.penalty
+        return self.law.penalty * d_tangential + stiffer * self._trial
 
     def _share_rate(self, anchors: FloatArray) -> FloatArray:
         """Rate of the share φ from the change of the initial gap with the anchors' rates."""
@@ -315,8 +321,9 @@ class Contact:
         return self.at_points(self._rest + displacements)
 
     def at_points(self, nodal: FloatArray) -> FloatArray:
-        """A nodal field (n_nodes, 3) at the quadrature points (n, 3)."""
-        return np.concatenate([np.empty((0, 3)), *(s.positions(nodal) for s in self.surfaces)])
+        """A nodal field (..., n_nodes, 3) at the quadrature points (..., n, 3)."""
+        none = np.empty((*nodal.shape[:-2], 0, 3))
+        return np.concatenate([none, *(s.positions(nodal) for s in self.surfaces)], axis=-2)
 
     def touched(self, displacements: FloatArray, load: ContactState) -> Touched:
         """The points of all faces that the indenter touches, kept for the next call with the same state."""

@@ -30,9 +30,9 @@ class ContactSurface:
         return self.face.values
 
     def positions(self, coordinates: FloatArray) -> FloatArray:
-        """Quadrature points (f q, 3) of node coordinates (n_nodes, 3)."""
-        points: FloatArray = self.values @ coordinates[self.nodes]
-        return points.reshape(-1, 3)
+        """Quadrature points (..., f q, 3) of node coordinates (..., n_nodes, 3)."""
+        points: FloatArray = self.values @ coordinates[..., self.nodes, :]
+        return points.reshape(*coordinates.shape[:-2], -1, 3)
 
 
 def contact_surfaces(mesh: Mesh) -> tuple[ContactSurface, ...]:

@@ -136,7 +136,7 @@ class LoadControl:
                 wanted = np.sign(missing) * self._steps[free]
             else:
                 wanted = np.linalg.solve(matrix, missing)
-                wanted = wanted * min(1.0, 1.0 / float((np.abs(wanted) / self._steps[free]).max()))
+                wanted = wanted / max(1.0, float((np.abs(wanted) / self._steps[free]).max()))
         change = self._within(at, aim, wanted)
         moved = np.zeros_like(at.balance.displacements)
         for step, (with_component, _) in zip(change, slopes, strict=False):
