@@ -182,8 +182,11 @@ def test_a_log_says_what_is_left_of_a_whole_run(follow, monkeypatch):
         for i in range(21):
             following.step("ok")
             following.expect(max(0, 19 - i), 10.0)
+        following.expect(4, 10.0)
+        following.begin("surface", 4)
     lines = text.getvalue().splitlines()
     assert lines[0] == "fit: about 20 simulations"
+    assert lines.pop() == "surface: about 4 more simulations"
     assert "fit: 10 of 20: 10 ok; about 10 s left" in lines
     assert lines[-1].startswith("fit: 20 of 20: ")
     assert len(lines) == 1 + 10  # the forecast was one too few

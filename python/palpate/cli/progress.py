@@ -101,13 +101,10 @@ class StageProgress:
         self._shown = self._run if is_of_run else _Steps(total=total, first=first)
         steps = self._shown
         if self._bars is None:
-            count = (
-                ""
-                if steps.total <= 1
-                else f": about {steps.total} simulations"
-                if is_of_run
-                else f": {total} steps"
-            )
+            count = f": {total} steps" if total > 1 else ""
+            if is_of_run:
+                left, more = steps.total - steps.done, "more " if steps.done else ""
+                count = f": about {left} {more}simulation{'s' * (left > 1)}" if left > 0 else ""
             self._console.print(f"{stage}{count or ' …'}", markup=False)
         elif steps not in self._tasks:
             self._tasks[steps] = self._bars.add_task(stage, total=steps.total or None, steps=steps)

@@ -211,8 +211,8 @@ class Sensitivity:
         tolerance: float,
         penalty_per_mm: float | None = None,
     ) -> None:
-        # Residual of the linear systems. At a tolerance of 1e-4 slopes in moduli err by up to 2e-4 of the largest
-        # on 1,561 nodes, in contact compliance and depth by up to 5e-3 and 2e-2 (each of small effect).
+        # Residual of the linear systems. At a tolerance of 1e-4 slopes in moduli err by up to 1e-3 of the
+        # largest; in contact compliance and depth, which matter little, by up to 5e-3 and 2e-2.
         self._accuracy = max(2.0 * tolerance, 1e-8)
         own = [(region, k, p.name) for region in thetas for k, p in enumerate(materials[region].parameters)]
         self._names = (*(str(ParameterName(region, name)) for region, _, name in own), FRICTION, COMPLIANCE)
