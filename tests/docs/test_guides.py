@@ -73,6 +73,13 @@ def test_links_lead_somewhere(guide):
         assert not anchor or anchor in anchors(text_of(linked)), target
 
 
+@pytest.mark.parametrize("guide", GUIDES, ids=lambda path: str(path.relative_to(ROOT)))
+def test_every_row_of_a_table_has_its_columns(guide):
+    plain = re.sub(r"`[^`\n]*`", "", text_of(guide)).replace("\\|", "")
+    for table in re.findall(r"(?:^\|.*\n)+", plain, flags=re.MULTILINE):
+        assert len({row.count("|") for row in table.splitlines()}) == 1, table
+
+
 @pytest.fixture(scope="module")
 def group():
     """The commands of the core, of every plugin, and of the repository's plugins of one file."""
