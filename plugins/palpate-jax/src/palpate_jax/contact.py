@@ -132,12 +132,8 @@ def _dot(a: FloatArray, b: FloatArray) -> FloatArray:
     return np.asarray((a * b).sum(axis=-1))
 
 
-def _along(lengths: FloatArray, vectors: FloatArray) -> FloatArray:
-    return np.asarray(lengths[..., None] * vectors)
-
-
 def _times(factor: FloatArray, array: FloatArray) -> FloatArray:
-    return np.asarray(factor.reshape(-1, *[1] * (array.ndim - 1)) * array)
+    return np.asarray(factor[..., None] * array)
 
 
 @dataclass(frozen=True, eq=False)
@@ -225,8 +221,8 @@ class Points:
         (n, curvature), (share, share_slope) = self._normals, self._held_share
         way = self.positions - self.anchors
         slip = _times(share, way)
-        d_slip = _times(share, np.eye(3)[None]) - _outer(_times(share_slope, way), n)
-        along = (n * slip).sum(axis=1)
+        d_slip = _times(share[:, None], np.eye(3)[None]) - _outer(_times(share_slope, way), n)
+        along = (n * slip).sum(axis=1)[:, None]
         bent = (curvature @ slip[:, :, None])[:, :, 0]
         d_trial = (
             d_slip - _outer(n, (n[:, None, :] @ d_slip)[:, 0]) - _times(along, curvature) - _outer(n, bent)
@@ -236,11 +232,11 @@ class Points:
         size = np.maximum(self._size, 1e-300)
         direction = self._trial / size[:, None]
         turning = d_trial - _outer(direction, (direction[:, None, :] @ d_trial)[:, 0])
-        d_sliding = _times(self._limit / size, turning)
+        d_sliding = _times((self._limit / size)[:, None], turning)
         if coupled and self.limits is None:
             d_sliding += self.law.friction * _outer(direction, d_pressure)
         d_friction = np.where(self.sliding[:, None, None], d_sliding, d_trial)
-        derivative = _outer(n, d_pressure) + _times(self.pressure, curvature) - d_friction
+        derivative = _outer(n, d_pressure) + _times(self.pressure[:, None], curvature) - d_friction
         return np.where((self.depth > 0.0)[:, None, None], derivative, 0.0)
 
     def rates(self, change: Change) -> tuple[FloatArray, FloatArray]:
@@ -253,20 +249,20 @@ class Points:
         size = np.maximum(self._size, 1e-300)
         direction = self._trial / size[:, None]
         d_limit = change.friction * self.pressure + self.law.friction * d_pressure
-        turning = d_trial - _along(_dot(direction, d_trial), direction)
-        d_sliding = _along(self._limit / size, turning) + _along(d_limit, direction)
+        turning = d_trial - _times(_dot(direction, d_trial), direction)
+        d_sliding = _times(self._limit / size, turning) + _times(d_limit, direction)
         d_friction = np.where(self.sliding[:, None], d_sliding, d_trial)
         d_friction = np.where(touching[:, None], d_friction, 0.0)
-        return _along(d_pressure, n) + _along(self.pressure, d_normal) - d_friction, d_friction
+        return _times(d_pressure, n) + _times(self.pressure, d_normal) - d_friction, d_friction
 
     def _trial_rate(self, change: Change, d_depth: FloatArray, d_normal: FloatArray) -> FloatArray:
         (n, _), (share, share_slope) = self._normals, self._held_share
         way = self.positions - self.anchors
-        slip = _along(share, way)
+        slip = _times(share, way)
         d_share = share_slope * d_depth + self._share_rate(change.anchors)
-        d_slip = _along(share, change.positions - change.anchors) + _along(d_share, way)
+        d_slip = _times(share, change.positions - change.anchors) + _times(d_share, way)
         along, d_along = _dot(n, slip), _dot(n, d_slip) + _dot(d_normal, slip)
-        d_tangential = d_slip - _along(d_along, n) - _along(along, d_normal)
+        d_tangential = d_slip - _times(d_along, n) - _times(along, d_normal)
         stiffer = change.penalty[..., None] / self.law.penalty
         return self.law.penalty * d_tangential + stiffer * self._trial
 

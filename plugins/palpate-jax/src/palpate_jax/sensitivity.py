@@ -77,9 +77,8 @@ class Rates:
     def forces(self, change: Change) -> FloatArray:
         """Changes of the nodal forces (m, n_nodes, 3), where the indenter stays."""
         tractions, _ = self.touched.points.rates(change.of(self.touched.where))
-        return np.stack(
-            [self._model.contact.to_nodes(self.touched, each @ self._turn.T) for each in tractions]
-        )
+        in_limb = tractions @ self._turn.T
+        return np.stack([self._model.contact.to_nodes(self.touched, each) for each in in_limb])
 
     def _turned(self, traction: FloatArray, motion: Velocity | None) -> FloatArray:
         """Rates (..., k, 3) of tractions in the limb's frame, from those in the indenter's."""
@@ -93,24 +92,22 @@ class Rates:
         change: Change,
         moved: FloatArray,
         motion: Velocity | None = None,
-        body: FloatArray | None = None,
+        body: FloatArray | float = 0.0,
     ) -> tuple[FloatArray, FloatArray, FloatArray]:
         """Changes of force and moment (..., 3), as in ``Answer``, and of the contact's friction (..., k, 3).
 
-        Nodes move by ``moved`` (..., n_nodes, 3); ``body`` of this shape, if given, is the change of the
-        internal forces where no node moves.
+        Nodes move by ``moved`` (..., n_nodes, 3); ``body`` of this shape is the change of the internal forces
+        where no node moves.
         """
-        at = change.of(self.touched.where)
-        traction, friction = self.touched.points.rates(at)
-        d_loads, d_arms = self._areas * self._turned(traction, motion), at.positions @ self._turn.T
-        if motion is not None:
-            d_arms = d_arms + self._with_indenter(self._arms, motion)
+        traction, friction = self.touched.points.rates(change.of(self.touched.where))
+        d_loads = self._areas * self._turned(traction, motion)
+        d_arms = self._model.contact.at_points(moved)[..., self.touched.where, :]
         moments = np.cross(d_arms, self._loads) + np.cross(self._arms, d_loads)
         force, moment = -d_loads.sum(axis=-2), moments.sum(axis=-2)
         if self._model.bonded.size:
-            still = np.zeros_like(moved) if body is None else body
-            each = (a.reshape(-1, *a.shape[-2:]) for a in (moved, still))
-            bonded = np.array([self._of_bonded(*rows) for rows in zip(*each, strict=True)])
+            of, shape = np.broadcast_to(body, moved.shape), (-1, *moved.shape[-2:])
+            rows = zip(moved.reshape(shape), of.reshape(shape), strict=True)
+            bonded = np.array([self._of_bonded(*row) for row in rows])
             force = force + bonded[:, 0].reshape(force.shape)
             moment = moment + bonded[:, 1].reshape(force.shape)
         return force, moment, friction
@@ -338,7 +335,7 @@ class Sensitivity:
         change: Change,
         position: FloatArray,
         at: FloatArray,
-        body: FloatArray | None = None,
+        body: FloatArray | float = 0.0,
     ) -> FloatArray:
         """Change of the loads (k, 6) as nodes, points and the indenter's position (k, 6) change."""
         force, moment, _ = rates.answer(change, moved, _motions(at, position), body)
@@ -346,14 +343,13 @@ class Sensitivity:
 
     def _follow(self, rates: Rates, load: ContactState, body: FloatArray, reached: Aim | None) -> None:
         """Store the derivatives of force, moment and anchors; compare ``Contact.remember``."""
-        where = rates.touched.where
         slip = rates.touched.points.friction / load.law.penalty
         motions = None if reached is None else _motions(reached.position, self._position)
         change = self._change(rates, self._moved, motions)
         force, moment, friction = rates.answer(change, self._moved, motions, body)
-        anchors, penalty = change.positions.copy(), self._penalty[:, None, None]
-        anchors[:, where] -= (friction - penalty * slip) / load.law.penalty
-        self._anchors = anchors
+        slipped = (friction - self._penalty[:, None, None] * slip) / load.law.penalty
+        self._anchors = change.positions
+        self._anchors[:, rates.touched.where] -= slipped
         if reached is not None:
             self._loads = wrench_rates(force, moment, rates.at_rest(), load.pose.tip, self._position)
         self.slopes = Slopes(self._names, force, moment, self._position)
