@@ -232,10 +232,13 @@ def write_of_two_tissues(file: str, *names: str) -> None:
     own.write(file)
 
 
-def test_layers_under_other_names_get_the_materials_of_skin_and_tissue(call: Call) -> None:
-    """Two meshes of two regions; a modulus of each is searched, without a ready study that is named."""
+@pytest.mark.parametrize(("outer", "inner"), [("dermis", "vastus"), ("Layer_1", "Layer_2")])
+def test_layers_under_other_names_get_the_materials_of_skin_and_tissue(
+    call: Call, outer: str, inner: str
+) -> None:
+    """A mesh of two regions, skin by its name or its shape; no ready study is named."""
     call("init", "try", "--study", "forearm-layered", plugin=None)
-    write_of_two_tissues("own.inp", "dermis", "vastus")
+    write_of_two_tissues("own.inp", outer, inner)
     files = ("--measured", "try/measured/p2.csv", "--mesh", "own.inp")
     outcome = call("init", "own", *files, plugin=None)
     assert "everything else from forearm-layered" in outcome.out
@@ -243,10 +246,11 @@ def test_layers_under_other_names_get_the_materials_of_skin_and_tissue(call: Cal
     assert (study.budget.layers, study.budget.bone) == ({"": 0.1}, 1.0)
     space = study.space
     assert {each.region: each.material.name for each in space.regions} == {
-        "dermis": "neo_hookean",
-        "vastus": "yeoh",
+        outer: "neo_hookean",
+        inner: "yeoh",
     }
-    assert {*space.names} == {"dermis.E", "vastus.c1"}
+    assert {*space.names} == {f"{outer}.E", f"{inner}.c1"}
+    assert (f"answer first: is region '{outer}' skin?" in outcome.err) == (outer == "Layer_1")
 
 
 def test_first_contact_of_a_sphere_on_skin_has_a_law_of_its_own(call: Call, tmp_path: Path) -> None:
@@ -254,7 +258,7 @@ def test_first_contact_of_a_sphere_on_skin_has_a_law_of_its_own(call: Call, tmp_
     call("init", "logs", "--study", "robot-log", plugin=None)
     call("init", "try", "--study", "forearm-layered", plugin=None)
     call("init", "alike", "--study", "forearm-demo", plugin=None)
-    write_of_two_tissues("muscles.inp", "gastrocnemius", "soleus")
+    write_of_two_tissues("muscles.inp", "fat", "muscle")
     write_of_two_tissues("skin.inp", "skin", "fat")
     skin, log = "skin.inp", "logs/logs/simulated_p2.parquet"
     onsets = {}

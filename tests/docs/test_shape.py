@@ -18,8 +18,8 @@ ROOT = Path(__file__).parents[2]
 LONGEST_FILE = 500
 LONGEST_FUNCTION = 45
 MOST = {
-    "lines": 77_078,
-    "lines of the core": 33_200,
+    "lines": 77_283,
+    "lines of the core": 33_298,
     "classes": 656,
     "constants": 696,
     "long files": 0,

@@ -6,10 +6,12 @@ from palpate.lazy_imports import deferred
 
 if TYPE_CHECKING:
     from palpate.limb.inspection import (
+        ASKED as ASKED,
         guessed_unit as guessed_unit,
         inspected as inspected,
         likely_sets as likely_sets,
         region_name as region_name,
+        skin_of as skin_of,
     )
     from palpate.limb.supports import FixedNodes as FixedNodes, Support as Support, fixed_nodes as fixed_nodes
     from palpate.mesh.layers import (

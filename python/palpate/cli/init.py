@@ -186,6 +186,7 @@ def own_study_text(
     found: "Inspection",
 ) -> str:
     """Text of a study of own presses: their files and meshes as inspected, and else a ready study."""
+    from palpate.limb.inspection import skin_of
     from palpate.study.reading import parse_toml
 
     if found.test:
@@ -209,7 +210,10 @@ def own_study_text(
     is_open = raw.get("fit", {}).keys().isdisjoint({"searched", "parametrisation"})
     searched = [SEARCHED] if "protocol" in raw and is_open else []
     shape = raw.get("protocol", {}).get("indenter", {}).get("shape")
-    onset, errors = _of_layers(found.study_text, [*map(_tissues, looks)], shape)
+    limbs = [look.limb if look else None for look in looks]
+    is_on_skin = shape == "sphere" and all(limb and skin_of(limb) for limb in limbs)
+    onset, errors = _of_layers(found.study_text, is_on_skin=is_on_skin)
+    errors = errors if any(map(_tissues, looks)) else ""
     return "\n".join(filter(None, [*own, found.study_text, onset, kept, *searched, errors]))
 
 
@@ -239,10 +243,9 @@ def _tissues(look: "Inspection | None") -> Sequence[str]:
     return regions if len(regions) > 1 else ()
 
 
-def _of_layers(experiment: str, tissues: Sequence[Sequence[str]], shape: str | None) -> tuple[str, str]:
+def _of_layers(experiment: str, *, is_on_skin: bool) -> tuple[str, str]:
     """Contact law of a robot's log of a sphere on skin, and the errors that widen intervals most."""
     law = "exponent = 1.3   # CHANGE THIS: of a sphere on skin over softer tissue; 1.5 where all is alike"
-    is_on_skin = shape == "sphere" and all(any(map(_is_skin, regions)) for regions in tissues)
     errors = """[budget]
 # Standard deviations. Fixed and tied parameters have half of their value; state yours, such as
 # parameters = { "skin.nu" = "5 %" }. A thickness measured at one spot: [spot.layers] skin = "1.6 mm ± 0.2 mm"
@@ -250,11 +253,13 @@ layers = "10 %"   # CHANGE THIS: of the thickness of each layer
 bone = "1 mm"   # CHANGE THIS: of the depth of the bones
 """
     onset = f"[experiment.settings.onset]\n{law}\n" if is_on_skin and '"robot_log"' in experiment else ""
-    return onset, errors if any(tissues) else ""
+    return onset, errors
 
 
 def _of_mesh(blocks: list[str], look: "Inspection | None") -> list[str]:
     """Tables with the limb source that reads a mesh, and a material for each of its regions."""
+    from palpate.limb.inspection import is_skin, skin_of
+
     if look is None:
         return blocks
     head = re.compile(r"\[(\w+)(?:\.(\w+))?").match
@@ -267,18 +272,13 @@ def _of_mesh(blocks: list[str], look: "Inspection | None") -> list[str]:
         if (table != "limb" or name is None) and (table != "region" or name in regions)
     ]
     # Skin under another name gets the material of the ready study's skin, other tissue the one of its tissue.
+    outer = skin_of(look.limb) if look.limb else None
     for name in (each for each in regions if there and each not in there):
-        alike = next((each for each in there if _is_skin(each) == _is_skin(name)), there[0])
+        is_of_skin = is_skin(name) or (outer is not None and name == outer[0])
+        alike = next((each for each in there if is_skin(each) == is_of_skin), there[0])
         material = (block for block, t in zip(blocks, tables, strict=True) if t == ("region", alike))
         kept += [block.replace(f"[region.{alike}", f"[region.{name}") for block in material]
     return kept
-
-
-def _is_skin(name: str) -> bool:
-    """Whether a region has the name of skin; hypodermis and subcutis are fat."""
-    return bool(
-        re.search(r"(?i)skin|(?<![a-z])(epi)?derm|(?<!sub)cutis|(?<!unter)haut|peau|piel|pelle", name)
-    )
 
 
 def _name_of(text: str) -> str:

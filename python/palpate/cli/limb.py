@@ -9,7 +9,7 @@ import typer
 from palpate.cli.experiment import StageGroup, stage_group
 from palpate.cli.options import AsJson, StudyPath
 from palpate.cli.progress import StageProgress
-from palpate.cli.session import Session
+from palpate.cli.session import Session, typed
 from palpate.errors import MeshError, StudyError
 
 if TYPE_CHECKING:
@@ -35,6 +35,11 @@ def limb(context: typer.Context, study: StudyPath, as_json: AsJson = False) -> N
 
     session = Session.of(context)
     if study.is_file() and study.suffix.lower() != ".toml":
+        kinds = session.plugins.limb_sources.values()
+        if study.suffix.lower() in set[str]().union(*(getattr(kind, "suffixes", ()) for kind in kinds)):
+            raise StudyError(
+                f"{study}: a mesh and no study; to look into it: palpate limb inspect {typed(study)}"
+            )
         raise _neither(context, study)
     with StageProgress(session, keeps=False) as progress:
         progress.begin("limb", 1)

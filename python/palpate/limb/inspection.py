@@ -2,7 +2,7 @@
 
 import json
 import re
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import asdict, replace
 from pathlib import Path
 from typing import Any
@@ -16,6 +16,7 @@ from palpate.limb.checks import check_limb
 from palpate.limb.outer_surface import partly_fixed, surface_shares
 from palpate.limb.supports import Support
 from palpate.limb.tidying import tidied
+from palpate.mesh.layers import outer_layer
 from palpate.mesh.topology import CELLS, outer_faces
 from palpate.plugins.interfaces import LimbSource
 from palpate.plugins.optional import InspectedTable, Inspection
@@ -35,11 +36,16 @@ WORDS: Mapping[str, str] = {
 UNITS_MM: Mapping[str, float] = {"mm": 1.0, "cm": 10.0, "m": 1000.0, "um": 0.001}
 SKIN = re.compile(
     r"(?i)contact|skin|press|outer|surface|touch|top|indent|haut|oberfl|kontakt|peau|piel|epiderm"
+    r"|au(ss|ß)en|ext[eé]ri?|estern"
 )
 FIXED = re.compile(
     r"(?i)fix|(?<![a-z])h[eo]ld|support|clamp|encast|anchor"
     r"|(?P<end>cut|base|bottom|schnitt|coupe|corte(?![xz])|taglio|(?<![a-z])ends?(?![a-z]))"
 )
+
+
+ASKED = "answer first"
+"""Beginning of a question that `inspect` and `init` repeat next to the line of the study that it is about."""
 
 
 def guessed_unit(points: FloatArray) -> tuple[str, str]:
@@ -89,6 +95,27 @@ def likely_sets(names: Sequence[str], regions: Sequence[str] = ()) -> tuple[str 
     return next(iter(skins), None), held or bones(regions)[0], unused
 
 
+def is_skin(name: str) -> bool:
+    """True if a region has the name of skin; hypodermis and subcutis are fat."""
+    return bool(
+        re.search(r"(?i)skin|(?<![a-z])(epi)?derm|(?<!sub)cutis|(?<!unter)haut|peau|piel|pelle", name)
+    )
+
+
+def skin_of(limb: Limb) -> tuple[str, float | None] | None:
+    """Region of the skin: by its name, else the outer layer, with its thickness [mm]; None if it has none.
+
+    Skin is at most 4 mm thick, and no region with the name of another tissue.
+    """
+    regions = limb.mesh.used_regions
+    if len(regions) < 2 or not limb.mesh.node_sets.get("contact", np.empty(0)).size:
+        return None
+    if named := sorted(filter(is_skin, regions)):
+        return named[0], None
+    outer = outer_layer(limb.mesh)
+    return outer if outer and outer[1] <= 4.0 and "soft" not in _kinds(outer[0]) else None
+
+
 def _is_fixed(name: str) -> bool:
     """Whether a name is a support's; an end of soft tissue may be none."""
     found = FIXED.search(name)
@@ -110,7 +137,7 @@ def inspected(
 ) -> Inspection:
     """Inspection of a mesh file with the settings that a source proposes, after reading it with them."""
     found, shown, spots = dict.fromkeys(findings), list(tables), list[Spot]()
-    limb, of_bone = None, bones(())
+    limb, of_bone, asked = None, bones(()), [text for text in findings if text.startswith(ASKED)]
     if supports:
         rows = [(each.name, " ".join(each.axes), str(len(each.nodes))) for each in supports]
         shown.append(
@@ -122,7 +149,8 @@ def inspected(
         limb = tidied(limb, rigid=of_bone[0])
         if spots := places(limb):
             limb = replace(limb, spot=spots[0])
-        found |= dict.fromkeys(questions(spots, of_bone[1]))
+        asked += questions((), of_bone[1], skin_of(limb))
+        found |= dict.fromkeys((*questions(spots), *asked))
         check_limb(limb, limb.mesh.regions)
         found |= dict.fromkeys((*limb.remarks, *limb.warnings, *partly_fixed(limb.mesh)))
         shown.append(_sets(limb))
@@ -131,7 +159,7 @@ def inspected(
     return Inspection(
         tables=tuple(shown),
         findings=tuple(found),
-        study_text=study_text(path, source.name, settings, spots, of_bone),
+        study_text=study_text(path, source.name, settings, spots, of_bone[0], asked),
         record={
             "source": source.name,
             "settings": dict(settings),
@@ -178,18 +206,28 @@ def places(limb: Limb) -> list[Spot]:
     return spots
 
 
-def questions(spots: Sequence[Spot], regions: Sequence[str]) -> Iterator[str]:
-    """Questions about the place of the spot, if that is a guess, and about regions that may be bone."""
+def questions(
+    spots: Sequence[Spot], regions: Sequence[str] = (), skin: tuple[str, float | None] | None = None
+) -> Iterator[str]:
+    """Questions about the place of the spot, if that is a guess, and about regions that may be bone or skin.
+
+    ``skin`` is a region, with its thickness [mm] if that alone shows that it is skin.
+    """
     where = f"in spot '{spots[0].name}' the origin is not on the skin" if spots else ""
     if len(spots) > 1:
-        yield f"answer first: where did the tool press? {where}; the mesh is finest at {len(spots)} places"
+        yield f"{ASKED}: where did the tool press? {where}; the mesh is finest at {len(spots)} places"
     elif spots and spots[0].position_mm.any():
         yield (
-            f"answer first: is the spot right? {where}, so the spot is where the mesh is finest; correct "
+            f"{ASKED}: is the spot right? {where}, so the spot is where the mesh is finest; correct "
             "position and normal if the tool pressed elsewhere"
         )
     for name in regions:
-        yield f"answer first: is region '{name}' bone? If it is, add it to rigid under [limb]"
+        yield f"{ASKED}: is region '{name}' bone? If it is, add it to rigid under [limb]"
+    if skin and skin[1] is not None:
+        yield (
+            f"{ASKED}: is region '{skin[0]}' skin? No region has that name, and this one is the outer layer, "
+            f"{skin[1]:.2g} mm thick; if it is not, give it another material"
+        )
 
 
 def _sets(limb: Limb) -> InspectedTable:
@@ -203,19 +241,26 @@ def _sets(limb: Limb) -> InspectedTable:
 
 
 def study_text(
-    path: Path, name: str, settings: Mapping[str, Any], spots: Sequence[Spot], of_bone: Sequence[list[str]]
+    path: Path,
+    name: str,
+    settings: Mapping[str, Any],
+    spots: Sequence[Spot],
+    rigid: Sequence[str],
+    asked: Iterable[str],
 ) -> str:
-    """Tables of study.toml that read a mesh, with its questions; places among several are comments."""
+    """Tables of study.toml that read a mesh, with its questions; places among several are comments.
+
+    ``asked`` are the questions about regions and sets.
+    """
     lines = ["[[spot]]", f"name = {json.dumps(path.stem)}", f"mesh = {json.dumps(path.as_posix())}"]
-    lines += [f"# {question}" for question in questions(spots, ())]
+    lines += [f"# {question}" for question in questions(spots)]
     for spot in spots:
         if spot.position_mm.any() or (spot.normal != [0.0, 0.0, 1.0]).any():
             position = f"position = {toml_value([f'{x:.6g} mm' for x in spot.position_mm])}"
             normal = f"normal = {np.round(spot.normal, 6).tolist()}"
             lines += (f"{'# ' if len(spots) > 1 else ''}{line}" for line in (position, normal))
-    rigid = [f"rigid = {toml_value(of_bone[0])}"] if of_bone[0] else []
-    asked = (f"# {question}" for question in questions((), of_bone[1]))
-    lines += ["", "[limb]", f'source = "{name}"', *rigid, *asked]
+    lines += ["", "[limb]", f'source = "{name}"', *([f"rigid = {toml_value([*rigid])}"] if rigid else [])]
+    lines += (f"# {question}" for question in asked)
     if settings:
         lines += ["", "[limb.settings]", *(f"{key} = {toml_value(value)}" for key, value in settings.items())]
     return "\n".join([*lines, ""])

@@ -45,6 +45,14 @@ def thickness_mm(limb: Limb, region: str, near_mm: float) -> float | None:
     return float(np.linalg.norm(inwards_mm[under], axis=1).mean()) if under.any() else None
 
 
+def outer_layer(mesh: Mesh) -> tuple[str, float] | None:
+    """Only region with faces in contact, and its median thickness [mm]; None where it is no layer."""
+    top = [region for region, level in _levels(mesh).items() if level == 0]
+    if len(top) != 1 or (layer := layer_of(mesh, top[0])) is None:
+        return None
+    return top[0], float(np.median(np.linalg.norm(layer[1], axis=1)))
+
+
 def _levels(mesh: Mesh) -> dict[str, int]:
     """Number of regions between each region and the skin."""
     levels: dict[str, int] = {}

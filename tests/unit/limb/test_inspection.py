@@ -69,6 +69,7 @@ def test_a_set_that_is_neither_skin_nor_support_is_named():
     assert "not used: lado; if the limb is held there" in unused
     assert "cuts" in likely_sets(["fixed", "cuts", "contact"])[2][0]
     assert likely_sets(["renal_cortex", "corteza", "contact"])[1] == []
+    assert likely_sets(["Schnitt", "Außenseite"])[:2] == ("Außenseite", ["Schnitt"])
     assert likely_sets(["cut surfaces", "Skin Contact"]) == ("Skin Contact", ["cut surfaces"], [])
 
 

@@ -11,6 +11,7 @@ import lzma
 import re
 import zlib
 from collections.abc import Callable, Iterator, Mapping
+from dataclasses import replace
 from pathlib import Path
 from types import MappingProxyType
 from typing import Any
@@ -47,6 +48,8 @@ UNREADABLE = (ValueError, LookupError, ArithmeticError, TypeError, AttributeErro
 def read_mesh_file(path: Path) -> MeshFile:
     """Read any format of meshio, in a subprocess with limits of memory and time.
 
+    Where no elements have the name of a group, the faces of each number in cell data are a group.
+
     Raises
     ------
     MeshError
@@ -74,6 +77,27 @@ def read_here(path: Path) -> MeshFile:
     MeshError
         As :func:`read_mesh_file`.
     """
+    content = _read(path)
+    return content if content.cell_sets else replace(content, cell_sets=_numbered_faces(content))
+
+
+def _numbered_faces(content: MeshFile) -> dict[str, tuple[NDArray[np.int64], ...]]:
+    """Groups such as ``gmsh:physical 3``: the faces of each number of cell data."""
+    groups: dict[str, tuple[NDArray[np.int64], ...]] = {}
+    is_face = [kind.startswith(("triangle", "quad")) for kind, _ in content.blocks]
+    for name, blocks in content.cell_data.items():
+        of_faces = [block for block, is_one in zip(blocks, is_face, strict=True) if is_one]
+        if name.startswith("gmsh:geom") or any(b.ndim > 1 or b.dtype.kind not in "iu" for b in of_faces):
+            continue
+        for number in np.unique(np.concatenate(of_faces)) if of_faces else ():
+            groups[f"{name} {number}"] = tuple(
+                np.flatnonzero((block == number) & is_one)
+                for block, is_one in zip(blocks, is_face, strict=True)
+            )
+    return groups
+
+
+def _read(path: Path) -> MeshFile:
     _refuse_outside(path)
     if (reader := READERS.get(path.suffix.lower())) is not None:
         try:

@@ -1,15 +1,23 @@
 """Sets, regions and sizes of a mesh file, and settings of the limb source ``meshio`` that read it."""
 
 import re
-from collections.abc import Collection
+from collections.abc import Collection, Iterator, Mapping
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
-from palpate.api import LimbSource
+from palpate.api import IntArray, LimbSource
 from palpate.api.files import InspectedTable, Inspection
-from palpate.api.mesh import SOLIDS, guessed_unit, inspected, likely_sets, region_name
+from palpate.api.mesh import (
+    ASKED,
+    SOLIDS,
+    guessed_unit,
+    inspected,
+    likely_sets,
+    region_name,
+    skin_of,
+)
 from palpate_indentation.mesh_content import MeshFile
 
 VOLUME = frozenset(SOLIDS)
@@ -27,17 +35,38 @@ def inspect_mesh(path: Path, content: MeshFile, source: type[LimbSource[Any]]) -
         settings["unit"] = unit
     findings += [finding] if finding else []
     settings |= _regions(content)
-    if numbered := [name for name in settings.get("regions", {}) if name.startswith("region_")]:
-        findings.append(
-            f"regions are numbers alone in the file: rename {', '.join(numbered)} under regions, and name "
-            "bone as rigid under [limb]"
-        )
     sets = _node_sets(content, [*map(str, settings.get("regions", {}).values())], findings)
     if sets:
         settings["node_sets"] = sets
     if settings == {"regions": {"soft_tissue": 0}}:
         settings = {}  # as they are by default
-    return inspected(path, source, settings, _tables(content), content.supports, findings)
+
+    def inspection() -> Inspection:
+        asked = _about_numbers(settings.get("regions", {}))
+        return inspected(path, source, settings, _tables(content), content.supports, [*findings, *asked])
+
+    made = inspection()
+    skin = skin_of(made.limb) if made.limb else None
+    if skin is None or skin[1] is None or not skin[0].startswith("region_"):
+        return made
+    named = {skin[0]: "skin"}
+    if len(settings["regions"]) == 2:
+        named |= {name: "soft_tissue" for name in settings["regions"] if name != skin[0]}
+    findings.append(
+        f"{ASKED}: is region {settings['regions'][skin[0]]} skin? Only numbers name the regions, and this "
+        f"is the outer layer, {skin[1]:.2g} mm thick; if it is not, rename it under regions"
+    )
+    settings["regions"] = {named.get(name, name): of for name, of in settings["regions"].items()}
+    return inspection()
+
+
+def _about_numbers(regions: Collection[str]) -> Iterator[str]:
+    """Finding on regions that have no name in the file."""
+    if numbered := [name for name in regions if name.startswith("region_")]:
+        yield (
+            f"regions are numbers alone in the file: rename {', '.join(numbered)} under regions, and name "
+            "bone as rigid under [limb]"
+        )
 
 
 def _regions(content: MeshFile) -> dict[str, Any]:
@@ -59,7 +88,9 @@ def _regions(content: MeshFile) -> dict[str, Any]:
         chosen = {"region_data": name} if name != "region" else {}
         return chosen | {"regions": dict(zip(named, map(int, labels), strict=True))}
     if groups:
-        named = ["soft_tissue"] if len(groups) == 1 else [region_name(name) for name in groups]
+        numbers = [re.fullmatch(r"(?i)(?:physical|volume) ?(\d+)(?: of dimension 3)?", g) for g in groups]
+        named = [f"region_{n[1]}" if n else region_name(g) for n, g in zip(numbers, groups, strict=True)]
+        named = ["soft_tissue"] if len(groups) == 1 else named
         return {"regions": dict(zip(named, groups, strict=True))}
     return {"region_data": "", "regions": {"soft_tissue": 0}}
 
@@ -82,7 +113,18 @@ def _covering(content: MeshFile, volume: list[int]) -> list[str]:
 
 def _node_sets(content: MeshFile, groups: list[str], findings: list[str]) -> dict[str, Any]:
     """Node sets of the skin and of what is fixed, by names that say so; else bone among groups is fixed."""
-    contact, held, unused = likely_sets(_names(content), groups)
+    sets = _names(content)
+    contact, held, unused = likely_sets([*sets], groups)
+    if contact is None and sets:
+        contact, others = _by_shape(content, {name: of for name, of in sets.items() if name not in held})
+        held, unused = likely_sets([name for name in sets if name != contact], groups)[1:]
+        if contact is not None:
+            guessed = "" if held or content.supports else f", and are {', '.join(others)} held"
+            held = held or others
+            findings.append(
+                f"{ASKED}: did the tool press '{contact}'{guessed}? No name shows it, and this set alone "
+                "curves outwards; correct node_sets if not"
+            )
     fixed: Any = held[0] if len(held) == 1 else held
     if contact is None:
         findings.append("no set of nodes has the name of a skin; name the pressed surface as `contact`")
@@ -101,8 +143,47 @@ def _node_sets(content: MeshFile, groups: list[str], findings: list[str]) -> dic
     return {"contact": contact or "contact", **own}
 
 
-def _names(content: MeshFile) -> list[str]:
-    """Names of data and sets with nodes of the volume elements, but not with all nodes of such a group."""
+def _by_shape(content: MeshFile, sets: Mapping[str, IntArray]) -> tuple[str | None, list[str]]:
+    """Only set whose faces curve outwards, likely the skin, or None; and the other sets that have faces.
+
+    The normals of a bone's faces point to its middle, and cuts are planes.
+    """
+    faces, points = _outer_faces(content), content.points
+    curved, others = list[str](), list[str]()
+    for name, nodes in sets.items():
+        own = points[faces[np.isin(faces, nodes).all(axis=1)]]
+        if not len(own):
+            continue
+        areas = np.cross(own[:, 1] - own[:, 0], own[:, 2] - own[:, 0])
+        is_outward = np.sum(areas * (own.mean(axis=1) - own.mean(axis=(0, 1)))) > 0.0
+        normals = left = areas / np.linalg.norm(areas, axis=1, keepdims=True)
+        for _ in range(4):  # planes: a piece cut out of a limb has four sides
+            alike = left @ left[:: 1 + len(left) // 50].T > 0.999
+            left = left[~alike[:, alike.sum(axis=0).argmax()]] if len(left) else left
+        (curved if is_outward and 5 * len(left) > len(normals) else others).append(name)
+    return (curved[0], others) if len(curved) == 1 else (None, [])
+
+
+def _outer_faces(content: MeshFile) -> IntArray:
+    """Corners of triangles (n, 3) on the outside of the volume elements, two of them for a quadrilateral."""
+    found = []
+    for n in (3, 4):
+        each = [
+            cells[:, face]
+            for kind, cells in content.blocks
+            if kind in VOLUME
+            for face in SOLIDS[kind][0].faces
+            if len(face) == n
+        ]
+        faces = np.concatenate([np.empty((0, n), dtype=np.int64), *each])
+        _, first, count = np.unique(np.sort(faces), axis=0, return_index=True, return_counts=True)
+        outer = faces[first[count == 1]]
+        found += [outer[:, [0, k, k + 1]] for k in range(1, n - 1)]
+    return np.concatenate(found)
+
+
+def _names(content: MeshFile) -> dict[str, IntArray]:
+    """Data and sets with nodes of the volume elements, but not with all nodes of such a group."""
     solid = np.zeros(len(content.points), dtype=np.bool_)
     for kind, cells in content.blocks:
         if kind in VOLUME:
@@ -125,7 +206,8 @@ def _names(content: MeshFile) -> list[str]:
     names = [n for n in _plain(every) if 0 < np.count_nonzero(solid[every[n]]) < solid.sum()]
     own = [name for name in names if not re.fullmatch(r"(Line|Surface|Volume)\d+", name)]
     # Gmsh writes each surface of its geometry too: physical groups have their nodes under the user's names.
-    return [n for n in names if n in own or not any(np.isin(every[n], every[o]).all() for o in own)]
+    double = {n for n in names if n not in own and any(np.isin(every[n], every[o]).all() for o in own)}
+    return {name: every[name] for name in names if name not in double}
 
 
 def _plain(names: Collection[str]) -> list[str]:
