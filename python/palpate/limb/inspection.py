@@ -182,14 +182,11 @@ def places(limb: Limb) -> list[Spot]:
     if tree.query(targets[0])[0] >= 0.02 * extent:
         # A mesh is finest under its indenter; of a uniform one this is the middle of the skin.
         near = tree.query_ball_point(points, 0.1 * extent, return_length=True)
-        dense = points[near >= 0.8 * near.max()]
-        some = scipy.spatial.KDTree(dense[:: 1 + len(dense) // 1000])
-        apart = np.asarray(some.query(some.data, k=[2])[0]).max()
-        joined = some.sparse_distance_matrix(some, max(0.1 * extent, 2.0 * apart))
-        patches = scipy.sparse.csgraph.connected_components(joined)[1]
-        sizes = np.bincount(patches)
-        large = (k for k in np.argsort(-sizes) if 3 * sizes[k] >= sizes.max())
-        targets = [some.data[patches == k].mean(axis=0) for k in large]
+        dense, wide = (points[near >= share * near.max()] for share in (0.8, 0.6))
+        found = _patches(dense, 0.1 * extent)
+        if not all(_is_round(each, 1.2) for each in found) and 2 * len(wide) < len(points):
+            found = [part for each in _patches(wide, 0.1 * extent) for part in _around_each(each)]
+        targets = [each.mean(axis=0) for each in found]
     spots = []
     for target in targets:
         middle, normal = contact[tree.query(target)[1]], np.zeros(3)
@@ -206,6 +203,39 @@ def places(limb: Limb) -> list[Spot]:
     return spots
 
 
+def _patches(points: FloatArray, near_mm: float) -> list[FloatArray]:
+    """Points (n, 3) by patch, the largest first, without patches of less than a third of its points."""
+    some = scipy.spatial.KDTree(points[:: 1 + len(points) // 1000])
+    apart = np.asarray(some.query(some.data, k=[2])[0]).max()
+    joined = some.sparse_distance_matrix(some, max(near_mm, 2.0 * apart))
+    patches = scipy.sparse.csgraph.connected_components(joined)[1]
+    sizes = np.bincount(patches)
+    return [some.data[patches == k] for k in np.argsort(-sizes) if 3 * sizes[k] >= sizes.max()]
+
+
+def _around_each(points: FloatArray) -> list[FloatArray]:
+    """Points (n, 3) of a patch around each indenter, where several are so near that they share it.
+
+    The patch around one indenter is round: in 14 meshes its longer axis is at most 1.3 times the shorter one.
+    """
+    along = points @ np.linalg.svd(points - points.mean(axis=0), full_matrices=False)[2][0]
+    for n in range(1, 5):
+        starts = points[np.argsort(along)[(2 * np.arange(n) + 1) * len(points) // (2 * n)]]
+        nearest = scipy.cluster.vq.kmeans2(points, starts, iter=50, minit="matrix")[1]
+        parts = [points[nearest == k] for k in range(n)]
+        if all(_is_round(part, 1.4) for part in parts):
+            return parts
+    return [points]
+
+
+def _is_round(points: FloatArray, most: float) -> bool:
+    """Whether the longest axis of points (n, 3) is at most so many times the next one; true of few."""
+    if len(points) < 10:
+        return True
+    long, short, _ = np.linalg.svd(points - points.mean(axis=0), compute_uv=False)
+    return bool(long <= most * short)
+
+
 def questions(
     spots: Sequence[Spot], regions: Sequence[str] = (), skin: tuple[str, float | None] | None = None
 ) -> Iterator[str]:
@@ -215,7 +245,8 @@ def questions(
     """
     where = f"in spot '{spots[0].name}' the origin is not on the skin" if spots else ""
     if len(spots) > 1:
-        yield f"{ASKED}: where did the tool press? {where}; the mesh is finest at {len(spots)} places"
+        places = " and ".join(f"({', '.join(f'{x:.1f}' for x in spot.position_mm)}) mm" for spot in spots)
+        yield f"{ASKED}: where did the tool press? {where}; the mesh is finest at {places}"
     elif spots and spots[0].position_mm.any():
         yield (
             f"{ASKED}: is the spot right? {where}, so the spot is where the mesh is finest; correct "

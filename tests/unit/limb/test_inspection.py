@@ -73,7 +73,7 @@ def test_a_set_that_is_neither_skin_nor_support_is_named():
     assert likely_sets(["cut surfaces", "Skin Contact"]) == ("Skin Contact", ["cut surfaces"], [])
 
 
-@pytest.mark.parametrize("fine_x_mm", [(0.0,), (-12.0, 12.0)])
+@pytest.mark.parametrize("fine_x_mm", [(0.0,), (-12.0, 12.0), (-6.0, 6.0)])
 def test_the_spot_is_at_each_place_where_the_mesh_is_finest(fine_x_mm):
     """Nodes of the skin crowd at one or two places."""
     limb = block("hex8", width_mm=60.0, n_across=30, n_down=2)
