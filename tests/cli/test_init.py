@@ -12,6 +12,7 @@ from palpate.cli.experiment import look_into
 from palpate.cli.init import own_study_text
 from palpate.cli.limb import look_into_mesh
 from palpate.cli.session import Session
+from palpate.errors import StudyError
 from palpate.experiment.measured import load_measured
 from palpate.plugins.catalogue import Plugins
 from palpate.study.reading import read_study
@@ -251,6 +252,26 @@ def test_layers_under_other_names_get_the_materials_of_skin_and_tissue(
     }
     assert {*space.names} == {f"{outer}.E", f"{inner}.c1"}
     assert (f"answer first: is region '{outer}' skin?" in outcome.err) == (outer == "Layer_1")
+
+
+def test_a_tie_follows_the_region_that_took_the_place_of_a_ready_one(call: Call, tmp_path: Path) -> None:
+    """Skin tied to `soft_tissue.c1` on a mesh of dermis over vastus, and on a mesh of skin alone."""
+    call("init", "try", "--study", "forearm-layered", plugin=None)
+    ready = Path("try/study.toml").read_text(encoding="utf-8")
+    tied = re.sub(r"^E = .*", 'E = "9 * soft_tissue.c1"', ready, flags=re.MULTILINE)
+    (tmp_path / "study.toml").write_text(tied, encoding="utf-8")
+    log, session = Path("try/measured/p2.csv"), Session()
+    texts = []
+    for inner in ("vastus", "skin_of_palm"):
+        write_of_two_tissues("own.inp", "dermis", inner)
+        look, found = look_into_mesh(Path("own.inp"), session), look_into(log, None, session, None)
+        texts.append(own_study_text(session, tmp_path, Path("own"), [log], [Path("own.inp")], [look], found))
+    dermis = tomllib.loads(texts[0])["region"]["dermis"]["parameters"]
+    assert dermis["E"] == "9 * vastus.c1"
+    Path("own").mkdir()
+    Path("own/study.toml").write_text(texts[1], encoding="utf-8")
+    with pytest.raises(StudyError, match=r"no parameter 'soft_tissue\.c1'.*name a region of this study"):
+        read_study("own")
 
 
 def test_first_contact_of_a_sphere_on_skin_has_a_law_of_its_own(call: Call, tmp_path: Path) -> None:

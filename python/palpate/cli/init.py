@@ -272,13 +272,18 @@ def _of_mesh(blocks: list[str], look: "Inspection | None") -> list[str]:
         if (table != "limb" or name is None) and (table != "region" or name in regions)
     ]
     # Skin under another name gets the material of the ready study's skin, other tissue the one of its tissue.
-    outer = skin_of(look.limb) if look.limb else None
+    outer, took = skin_of(look.limb) if look.limb else None, dict[str, str]()
     for name in (each for each in regions if there and each not in there):
         is_of_skin = is_skin(name) or (outer is not None and name == outer[0])
-        alike = next((each for each in there if is_skin(each) == is_of_skin), there[0])
+        kin = [each for each in there if is_skin(each) == is_of_skin] or there
+        alike = next((each for each in kin if each not in (*regions, *took)), kin[0])
         material = (block for block, t in zip(blocks, tables, strict=True) if t == ("region", alike))
         kept += [block.replace(f"[region.{alike}", f"[region.{name}") for block in material]
-    return kept
+        if alike not in regions:
+            took.setdefault(alike, name)
+    # A tie follows the region that took the place of a ready one.
+    tie = re.compile(rf"(\* *)({'|'.join(took)})\.")
+    return [tie.sub(lambda m: f"{m[1]}{took[m[2]]}.", block) for block in kept] if took else kept
 
 
 def _name_of(text: str) -> str:

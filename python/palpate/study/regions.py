@@ -119,7 +119,10 @@ def _tie(
 
 def _factor(factor: str, source: str, every: Mapping[str, Parameter], follower: str) -> float:
     if source not in every:
-        raise ValueError(choice(source, every, "parameter"))
+        raise ValueError(
+            f"{choice(source, every, 'parameter')}; name a region of this study in the tie, or search the "
+            'parameter: { lower = "…", upper = "…" }'
+        )
     per, unit = every[source].unit, every[follower].unit
     try:
         number = convert_factor(factor, per, unit)
