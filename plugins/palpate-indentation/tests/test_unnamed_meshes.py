@@ -51,6 +51,21 @@ def test_numbers_alone_are_named_by_the_shape_of_what_they_number(tmp_path: Path
     assert limb.mesh.node_sets["fixed"].tolist() == np.flatnonzero(SIDES["bone"] | SIDES["ends"]).tolist()
 
 
+def test_faces_of_a_number_are_read_next_to_named_groups_too(tmp_path: Path) -> None:
+    """One mesh of Gmsh has names, and another spot's has numbers alone: one table reads both."""
+    faces = with_faces(BENT, {"bone": 3, "top": 4, "ends": 5})
+    faces.field_data = {
+        name: np.array([k, 2]) for name, k in {"Knochen": 3, "Seite": 4, "Schnitt": 5}.items()
+    }
+    faces.cell_data["gmsh:geometrical"] = faces.cell_data["gmsh:physical"]
+    faces.write(tmp_path / "m.msh", file_format="gmsh22", binary=False)
+    chosen = {"contact": "gmsh:physical 4", "fixed": ["Knochen", "gmsh:physical 5"]}
+    settings = {"region_data": "gmsh:physical", "regions": {"skin": 7, "soft_tissue": 9}, "node_sets": chosen}
+    limb = MeshioSource(MeshioSettings.model_validate(settings)).load(tmp_path / "m.msh", Spot(name="m"))
+    assert len(limb.mesh.node_sets["contact"]) == np.count_nonzero(SIDES["top"])
+    assert len(limb.mesh.node_sets["fixed"]) == np.count_nonzero(SIDES["bone"] | SIDES["ends"])
+
+
 def test_the_pressed_side_is_asked_for_where_no_side_curves(tmp_path: Path) -> None:
     file = tmp_path / "m.vtu"
     with_faces(BLOCK.points_mm, {"bone": 3, "top": 4, "ends": 5}).write(file)

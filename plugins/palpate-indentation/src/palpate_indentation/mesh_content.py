@@ -37,3 +37,19 @@ class MeshFile:
     supports: tuple[Support, ...] = ()
     remarks: tuple[str, ...] = ()
     warnings: tuple[str, ...] = ()
+
+
+def numbered_faces(content: MeshFile) -> dict[str, tuple[NDArray[np.int64], ...]]:
+    """Groups such as ``gmsh:physical 3``: the faces of each number of cell data."""
+    groups: dict[str, tuple[NDArray[np.int64], ...]] = {}
+    is_face = [kind.startswith(("triangle", "quad")) for kind, _ in content.blocks]
+    for name, blocks in content.cell_data.items():
+        of_faces = [block for block, is_one in zip(blocks, is_face, strict=True) if is_one]
+        if name.startswith("gmsh:geom") or any(b.ndim > 1 or b.dtype.kind not in "iu" for b in of_faces):
+            continue
+        for number in np.unique(np.concatenate(of_faces)) if of_faces else ():
+            groups[f"{name} {number}"] = tuple(
+                np.flatnonzero((block == number) & is_one)
+                for block, is_one in zip(blocks, is_face, strict=True)
+            )
+    return groups

@@ -25,7 +25,7 @@ from palpate.api.files import ProcessLimits, run_function
 from palpate_indentation.abaqus_files import read_abaqus
 from palpate_indentation.ansys_files import read_ansys
 from palpate_indentation.gmsh_files import read_gmsh
-from palpate_indentation.mesh_content import MeshFile
+from palpate_indentation.mesh_content import MeshFile, numbered_faces
 from palpate_indentation.vtk_files import read_legacy_vtk, read_vtu
 
 MOST_BYTES = 1_000_000_000
@@ -78,23 +78,7 @@ def read_here(path: Path) -> MeshFile:
         As :func:`read_mesh_file`.
     """
     content = _read(path)
-    return content if content.cell_sets else replace(content, cell_sets=_numbered_faces(content))
-
-
-def _numbered_faces(content: MeshFile) -> dict[str, tuple[NDArray[np.int64], ...]]:
-    """Groups such as ``gmsh:physical 3``: the faces of each number of cell data."""
-    groups: dict[str, tuple[NDArray[np.int64], ...]] = {}
-    is_face = [kind.startswith(("triangle", "quad")) for kind, _ in content.blocks]
-    for name, blocks in content.cell_data.items():
-        of_faces = [block for block, is_one in zip(blocks, is_face, strict=True) if is_one]
-        if name.startswith("gmsh:geom") or any(b.ndim > 1 or b.dtype.kind not in "iu" for b in of_faces):
-            continue
-        for number in np.unique(np.concatenate(of_faces)) if of_faces else ():
-            groups[f"{name} {number}"] = tuple(
-                np.flatnonzero((block == number) & is_one)
-                for block, is_one in zip(blocks, is_face, strict=True)
-            )
-    return groups
+    return content if content.cell_sets else replace(content, cell_sets=numbered_faces(content))
 
 
 def _read(path: Path) -> MeshFile:

@@ -8,7 +8,7 @@ import numpy as np
 from pydantic import Field
 
 from palpate.api import FloatArray, IntArray, MeshError, Quantity, Settings
-from palpate_indentation.mesh_content import MeshFile
+from palpate_indentation.mesh_content import MeshFile, numbered_faces
 
 Length = Annotated[float, Quantity("mm")]
 
@@ -106,8 +106,8 @@ def _named(path: Path, content: MeshFile, source: str) -> IntArray:
         found = np.flatnonzero(marks)
     elif (name := known_as(source, content.point_sets)) is not None:
         found = content.point_sets[name]
-    elif (name := known_as(source, content.cell_sets)) is not None:
-        members = zip(content.blocks, content.cell_sets[name], strict=True)
+    elif (name := known_as(source, groups := {**numbered_faces(content), **content.cell_sets})) is not None:
+        members = zip(content.blocks, groups[name], strict=True)
         found = np.unique(np.concatenate([cells[rows].ravel() for (_, cells), rows in members]))
     else:
         there = [*content.point_data, *content.point_sets, *content.cell_sets]
