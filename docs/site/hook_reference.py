@@ -23,7 +23,7 @@ from palpate.domain.component import Component
 from palpate.errors import PluginError
 from palpate.plugins import hookspecs
 from palpate.plugins.interfaces import ExperimentLoader, Solver
-from palpate.plugins.optional import CurveWriter, FileInspector, LoadingDrawer, Verifier
+from palpate.plugins.optional import CurveWriter, FileInspector, LoadingDrawer, PressChecker, Verifier
 from palpate.plugins.registry import KINDS
 from palpate.plugins.scaffold import KITS
 from palpate_report.api import ReportData
@@ -43,7 +43,7 @@ WIDTH = 132
 """Longest line of running text."""
 
 OPTIONAL: Mapping[type[Component], tuple[type[Any], ...]] = MappingProxyType(
-    {ExperimentLoader: (CurveWriter, FileInspector, LoadingDrawer), Solver: (Verifier,)}
+    {ExperimentLoader: (CurveWriter, FileInspector, LoadingDrawer, PressChecker), Solver: (Verifier,)}
 )
 """Optional protocols of components."""
 

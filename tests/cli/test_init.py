@@ -14,6 +14,7 @@ from palpate.cli.limb import look_into_mesh
 from palpate.cli.session import Session
 from palpate.errors import StudyError
 from palpate.experiment.measured import load_measured
+from palpate.limb.loading import load_limbs, press_warnings
 from palpate.plugins.catalogue import Plugins
 from palpate.study.reading import read_study
 
@@ -301,6 +302,16 @@ def test_first_contact_of_a_sphere_on_skin_has_a_law_of_its_own(call: Call, tmp_
     )
     law = re.compile(r"^\[experiment\.settings\.onset\]\nexponent = 1\.3   # CHANGE THIS: ", re.MULTILINE)
     assert [name for name, text in onsets.items() if law.search(text)] == ["skin"]
+    warned = []
+    for text in (
+        onsets["skin"],
+        re.sub(r"^\[experiment\.settings\.onset\]\n.*\n", "", onsets["skin"], flags=re.M),
+    ):
+        Path("skin/study.toml").write_text(text, encoding="utf-8")
+        own = read_study("skin")
+        warned.append([*press_warnings(own, load_limbs(own, to_show=True))])
+    assert warned[0] == []
+    assert "Set exponent = 1.3 under [experiment.settings.onset]" in warned[1][0]
     assert tomllib.loads(onsets["skin"])["experiment"]["settings"]["onset"] == {"exponent": 1.3}
     assert [name for name, text in onsets.items() if "exponent" in text] == ["skin"]
     assert all("[budget]" in text for text in onsets.values())

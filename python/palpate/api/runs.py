@@ -16,6 +16,7 @@ if TYPE_CHECKING:
         finer_limb as finer_limb,
         limb_warnings as limb_warnings,
         load_limbs as load_limbs,
+        press_warnings as press_warnings,
         size_at_contact as size_at_contact,
     )
     from palpate.plugins.catalogue import Plugins as Plugins

@@ -13,6 +13,7 @@ from palpate.domain.material import AnisotropicMaterial
 from palpate.errors import MeshError, StudyError
 from palpate.limb.cell_fields import check_frames, with_fields
 from palpate.limb.checks import check_depth, check_fine, check_limb, is_finer
+from palpate.limb.inspection import skin_of
 from palpate.limb.mesh_joints import holes
 from palpate.limb.outer_surface import partly_fixed
 from palpate.limb.tidying import tidied
@@ -20,6 +21,7 @@ from palpate.mesh.layers import thickness_mm
 from palpate.mesh.refinement import automatic_edge_mm, refined
 from palpate.mesh.spot_frame import NEAR, RIM, contact_edge_mm, spot_axes
 from palpate.plugins.guard import answering_for
+from palpate.plugins.optional import PressChecker
 from palpate.study.reading import Study, StudySpot
 from palpate.study.spots import mesh_note
 
@@ -209,6 +211,16 @@ def limb_warnings(study: Study, limbs: Mapping[str, Limb]) -> list[str]:
         if not is_fine:
             found.extend((*_wide(study, limb), *_layers(study, limb)))
     return found
+
+
+def press_warnings(study: Study, limbs: Mapping[str, Limb]) -> Iterator[str]:
+    """Warnings about settings of loaders that do not fit the press of a spot, each a sentence."""
+    for name in study.spot_names:
+        loader, protocol = study.loader_at(name), study.protocol_at(name)
+        if name in limbs and isinstance(loader, PressChecker) and isinstance(protocol, Indentation):
+            is_on_skin = skin_of(limbs[name]) is not None
+            found = loader.press_warnings(protocol.indenter.name, is_on_skin=is_on_skin)
+            yield from (f"spot '{name}': {text}" for text in found)
 
 
 def _layers(study: Study, limb: Limb) -> Iterator[str]:

@@ -1,6 +1,6 @@
 """Abilities of components beyond their duty: they have the method, and inherit nothing for it."""
 
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any, Protocol, runtime_checkable
@@ -86,6 +86,22 @@ class FileInspector(Protocol):
         ------
         CurveError, MeshError
             The file cannot be read.
+        """
+
+
+@runtime_checkable
+class PressChecker(Protocol):
+    """A loader whose settings depend on the press."""
+
+    def press_warnings(self, indenter: str, *, is_on_skin: bool) -> Iterable[str]:
+        """Warnings about settings that do not fit a press, each a sentence with what to do.
+
+        Parameters
+        ----------
+        indenter : str
+            Name of the indenter, such as sphere.
+        is_on_skin : bool
+            Whether the mesh has a layer of skin over other tissue.
         """
 
 

@@ -22,7 +22,7 @@ from palpate.experiment.measured import draw_files, load_measured, load_presses,
 from palpate.experiment.relaxation import relaxation_warnings
 from palpate.fit.checks import check_fit
 from palpate.fit.searches import BestSet
-from palpate.limb.loading import limb_warnings, load_limbs
+from palpate.limb.loading import limb_warnings, load_limbs, press_warnings
 from palpate.plugins.catalogue import Plugins
 from palpate.plugins.guard import answering_for
 from palpate.plugins.optional import ExperimentDrawer, PressDrawer
@@ -88,7 +88,8 @@ def check_study(study: Study, plugins: Plugins, earlier: RunDirectory | None = N
     if not isinstance(study.search, BestSet):
         check_fit(study, measured, abscissae_of(plugins.channels))
     of_curves = _measured_warnings(study, measured)
-    warnings = (*setting_warnings(study), *of_curves, *limb_warnings(study, limbs))
+    of_presses = (*limb_warnings(study, limbs), *press_warnings(study, limbs))
+    warnings = (*setting_warnings(study), *of_curves, *of_presses)
     return StudyInputs(measured=measured, limbs=limbs, design=design, warnings=warnings, jobs=jobs)
 
 

@@ -1,6 +1,6 @@
 """Loaders of a robot's log, and of processed curves in MATLAB, HDF5, NumPy, Parquet and TDMS files."""
 
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Literal
@@ -89,6 +89,20 @@ class RobotLogLoader(ExperimentLoader[RobotLogSettings]):
         record = {**processed.record, **({"warnings": warnings} if warnings else {})}
         relaxations = [item for item in processed.relaxations if item.channel in wanted]
         return Response(curves=wanted, relaxations=relaxations, record=record)
+
+    def press_warnings(self, indenter: str, *, is_on_skin: bool) -> Iterator[str]:
+        """Warnings about the default contact law where the press has another one."""
+        onset = self.settings.onset
+        if (
+            onset.method == "law"
+            and "exponent" not in onset.model_fields_set
+            and indenter == "sphere"
+            and is_on_skin
+        ):
+            yield (
+                "first contact is found by the law of a sphere on one tissue. On skin over softer tissue "
+                "it is about 0.1 mm too early. Set exponent = 1.3 under [experiment.settings.onset]"
+            )
 
     def draw(self, path: Path, folder: Path, channel: str | None = None) -> tuple[Path, ...]:
         """Pictures of the log as it was read, tared, in its phases, its first contact and its curves.

@@ -19,6 +19,7 @@ from palpate.api.runs import (
     failures,
     limb_warnings,
     measured_warnings,
+    press_warnings,
     unranked,
 )
 from palpate_report.answer.failed_checks import apparent, failed_checks, left_out
@@ -252,6 +253,8 @@ def _about_origins(data: ReportData) -> Iterator[ReportWarning]:
     yield from _listed("odd-curves", "Checks of the measured curves found something unusual", odd)
     of_meshes = limb_warnings(data.study, data.limbs)
     yield from _listed("odd-meshes", "Checks of the meshes found something unusual", of_meshes)
+    of_presses = press_warnings(data.study, data.limbs)
+    yield from _listed("contact-law", "First contact is found by the law of another press", of_presses)
     curves = [curve for response in data.measured.values() for curve in response.curves.values()]
     if not data.notice and all(curve.std is None for curve in curves):
         yield warn(
