@@ -27,7 +27,7 @@ from palpate.stages import pipeline
 from palpate.study.model import BudgetTable
 from palpate_certainty.adequacy import Closeness, checks
 from palpate_certainty.assessment import Assessment
-from palpate_certainty.emulated_curves import MeshCorrections, ScenarioDensity, SimulatedCurves
+from palpate_certainty.emulated_curves import EmulatedProblem, SimulatedCurves
 from palpate_certainty.tables import certainty_tables
 from palpate_materials.neo_hookean import NeoHookean
 from palpate_prediction.bands import values_at
@@ -155,7 +155,7 @@ def test_a_score_that_is_not_linear_has_intervals_of_first_order_and_unclear_wor
     # The emulated misfit is that of the score itself.
     simulated = SimulatedCurves(case.end.problem, BOTH)
     values = case.end.problem.box.values(case.end.best.point)
-    density = ScenarioDensity(case.end.problem, np.eye(case.end.problem.n_points), simulated, values)
+    density = EmulatedProblem(case.end.problem, simulated, values)
     runs = simulated.runs(case.end.best.point[None] + np.array([[0.0, 0.0], [0.05, -0.03]]), slopes=False)
     fopts = [
         each.fopt
@@ -185,7 +185,7 @@ def test_emulated_curves_are_corrected_as_those_of_the_fit_are(ended):
     runs = curves.runs(points, slopes=False)
     expected = [each.residuals for each in corrected.evaluate([Trial(point=p) for p in points])]
     for values in (problem.box.values(case.end.best.point), problem.box.lower, problem.box.upper):
-        density = ScenarioDensity(corrected, np.eye(problem.n_points), curves, values)
+        density = EmulatedProblem(corrected, curves, values)
         found = density.white(runs.values, runs.ordinates)
         np.testing.assert_allclose(found, expected, atol=1e-9)
 
@@ -201,7 +201,7 @@ def test_what_meshes_add_is_asked_for_at_the_fit_alone(ended, monkeypatch):
     monkeypatch.setattr(type(problem), "inputs_at", lambda _, __, at: asked.append(at) or inputs)
     box = problem.box
     fitted = box.upper
-    MeshCorrections(corrected, fitted)
+    EmulatedProblem(corrected, SimulatedCurves(problem, BOTH), fitted)
     assert (np.array(asked) <= fitted).all()
     assert (np.array(asked) >= fitted - 0.02 * (box.upper - box.lower)).all()
 

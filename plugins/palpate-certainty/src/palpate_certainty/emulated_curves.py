@@ -167,108 +167,73 @@ def best_and_first(misfit: FloatArray) -> IntArray:
     return np.unique(np.concatenate([best, np.arange(min(MOST_SETS, misfit.size))]))
 
 
-class MeshCorrections:
-    """Corrections of the curves of a problem by finer meshes, at many values at once.
+class EmulatedProblem:
+    """Residuals of a problem by emulated ordinates, at many values at once, and the density of these.
 
     What is added to curves as large as the coarse one is linear in the materials' textbook values; it is
     taken as linear in the searched ones around the ``fitted``, as not every set is one of a parametrisation.
-    """
-
-    def __init__(self, problem: Problem, fitted: FloatArray) -> None:
-        self._fitted = fitted
-        self._changes = {
-            (term.spot, channel): self._linear(problem, term, correction)
-            for term in problem.terms
-            for channel, correction in term.corrections.items()
-        }
-
-    def corrected(
-        self, term: SpotTerm, channel: str, values: FloatArray, ordinates: FloatArray
-    ) -> FloatArray:
-        """Ordinates (k, n) of a curve at values (k, n_parameters), with what its finer mesh adds."""
-        if (correction := term.corrections.get(channel)) is None:
-            return ordinates
-        change, slopes = self._changes[term.spot, channel]
-        return ordinates + correction.at(ordinates, change + (values - self._fitted) @ slopes)
-
-    def _linear(
-        self, problem: Problem, term: SpotTerm, correction: Correction
-    ) -> tuple[FloatArray, FloatArray]:
-        """Change (n,) of a correction along its slopes at the fit, and (n_parameters, n) by each value."""
-
-        def change(values: FloatArray) -> FloatArray:
-            return correction.change_to(problem.inputs_at(term, values), term.materials)
-
-        box, here = problem.box, change(self._fitted)
-        steps = STEP * (box.upper - box.lower)
-        steps = np.where(self._fitted - steps >= box.lower, -steps, steps)  # down: shares sum to less than 1
-        slopes = [(change(self._fitted + step) - here) / step.sum() for step in np.diag(steps)]
-        return here, np.stack(slopes)
-
-
-class ScenarioDensity:
-    """The posterior density of a scenario, up to a constant: even in the coordinates of the box.
 
     Parameters
     ----------
     problem : Problem
-        Of the scenario's fit, with its corrections by finer meshes.
-    white : (m, n) array
-        From the residuals of the problem to independent ones of variance 1.
+        With its corrections by finer meshes.
     curves : SimulatedCurves
     fitted : (n_parameters,) array
         Values where the fit has ended.
+    white : (m, n) array, optional
+        From the residuals of the problem to independent ones of variance 1, as they are by default.
     """
 
     def __init__(
-        self, problem: Problem, white: FloatArray, curves: SimulatedCurves, fitted: FloatArray
+        self,
+        problem: Problem,
+        curves: SimulatedCurves,
+        fitted: FloatArray,
+        white: FloatArray | None = None,
     ) -> None:
-        self.problem, self.curves, self._white = problem, curves, white
-        self._meshes = MeshCorrections(problem, fitted)
-        n, parts = problem.n_points, list(pieces(problem.terms))
-        matrix, constant = np.zeros((n, curves.measured.size)), np.zeros(n)
-        for term, name, at, scale in parts:
+        self.problem, self.curves, self._fitted = problem, curves, fitted
+        self._white = np.eye(problem.n_points) if white is None else white
+        self._changes = {
+            (term.spot, channel): self._linear(term, correction)
+            for term in problem.terms
+            for channel, correction in term.corrections.items()
+        }
+
+    def residuals(self, values: FloatArray, ordinates: FloatArray) -> FloatArray:
+        """Residuals (k, n) at values (k, n_parameters) with ordinates (k, n_ordinates), without priors."""
+        parts, terms = [], self.problem.terms
+        for term, name, _, _ in pieces(terms):
             channel = channel_of(name)
-            inside = np.flatnonzero(term.counted(name))
-            place = curves.places[term.spot, channel]
-            matrix[np.arange(at.start, at.stop), place.start + inside] = scale[inside]
-            constant[at] = (-scale * term.measured[channel].ordinate)[inside]
-        self._curves = white @ matrix
-        self._rest = white @ constant
-        self._priors = [(i, p.prior) for i, p in enumerate(problem.parameters) if p.prior is not None]
+            here = ordinates[:, self.curves.places[term.spot, channel]]
+            if (correction := term.corrections.get(channel)) is not None:
+                change, slopes = self._changes[term.spot, channel]
+                here = here + correction.at(here, change + (values - self._fitted) @ slopes)
+            parts.append(term.of_ordinates(name, here, len(terms))[:, term.counted(name)])
+        return np.concatenate(parts, axis=1)
 
     def white(self, values: FloatArray, ordinates: FloatArray) -> FloatArray:
         """Independent residuals (k, m) at values (k, n_parameters) with these ordinates (k, n_ordinates)."""
-        corrected = self._corrected(values, ordinates)
-        if all(term.rules.score.linear for term in self.problem.terms):
-            white = corrected @ self._curves.T + self._rest
-        else:
-            white = self._of_score(corrected) @ self._white.T
-        first = self.problem.n_points - len(self._priors)
-        for row, (i, prior) in enumerate(self._priors, first):
-            residual = self.problem.noise * (values[:, i] - prior.value) / prior.sd
-            white = white + residual[:, None] * self._white[:, row]
+        of_priors = [
+            self.problem.noise * (values[:, i] - p.prior.value) / p.prior.sd
+            for i, p in enumerate(self.problem.parameters)
+            if p.prior is not None
+        ]
+        white: FloatArray = np.column_stack([self.residuals(values, ordinates), *of_priors]) @ self._white.T
         return white
 
-    def _of_score(self, ordinates: FloatArray) -> FloatArray:
-        """Residuals (k, n) by a score that is not linear; residuals of priors are zero."""
-        terms = self.problem.terms
-        found = np.zeros((len(ordinates), self.problem.n_points))
-        for term, name, at, _ in pieces(terms):
-            here = ordinates[:, self.curves.places[term.spot, channel_of(name)]]
-            found[:, at] = term.of_ordinates(name, here, len(terms))[:, term.counted(name)]
-        return found
-
-    def _corrected(self, values: FloatArray, ordinates: FloatArray) -> FloatArray:
-        """Ordinates (k, n) with what finer meshes add to each curve."""
-        corrected = ordinates.copy()
-        for term in self.problem.terms:
-            for channel in term.corrections:
-                place = self.curves.places[term.spot, channel]
-                corrected[:, place] = self._meshes.corrected(term, channel, values, ordinates[:, place])
-        return corrected
-
     def misfit(self, values: FloatArray, ordinates: FloatArray) -> FloatArray:
-        """−2 log of the density (k,)."""
+        """−2 log (k,) of the posterior density, which is even in the coordinates of the box by itself."""
         found: FloatArray = (self.white(values, ordinates) ** 2).sum(axis=1)
         return found
+
+    def _linear(self, term: SpotTerm, correction: Correction) -> tuple[FloatArray, FloatArray]:
+        """Change (n,) of a correction along its slopes at the fit, and (n_parameters, n) by each value."""
+
+        def change(values: FloatArray) -> FloatArray:
+            return correction.change_to(self.problem.inputs_at(term, values), term.materials)
+
+        box, here = self.problem.box, change(self._fitted)
+        steps = STEP * (box.upper - box.lower)
+        steps = np.where(self._fitted - steps >= box.lower, -steps, steps)  # down: shares sum to less than 1
+        slopes = [(change(self._fitted + step) - here) / step.sum() for step in np.diag(steps)]
+        return here, np.stack(slopes)

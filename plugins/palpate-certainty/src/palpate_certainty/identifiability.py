@@ -195,8 +195,6 @@ class _Curves:
         measured = np.concatenate([curve.ordinate for curve in curves.values()])
         peaks = [np.full(c.ordinate.size, np.abs(c.ordinate).max() or 1.0) for c in curves.values()]
         peak = np.concatenate(peaks)
-        if not len(values):
-            return None
         # A point that hardly any set reaches is left out, and then a set that does not reach all others.
         reached = np.isfinite(values).mean(axis=0) > 0.5
         ranked = np.isin(np.arange(len(values)), self.ranked.filter(spot=spot)["set_id"].to_numpy())

@@ -16,7 +16,7 @@ from palpate.api.fit import RISE, Box, Case, channel_of, least_near
 from palpate.api.runs import Study
 from palpate_certainty.emulated_curves import (
     EmulatedCurves,
-    ScenarioDensity,
+    EmulatedProblem,
     SimulatedCurves,
     runs_of_fits,
     runs_of_sets,
@@ -40,7 +40,7 @@ class Posterior:
     Parameters
     ----------
     assessed : Assessed
-    density : ScenarioDensity
+    density : EmulatedProblem
     draws : Draws
     checked : Runs
         Draws that were simulated.
@@ -49,7 +49,7 @@ class Posterior:
     """
 
     assessed: Assessed
-    density: ScenarioDensity
+    density: EmulatedProblem
     draws: Draws
     checked: Runs
     emulated: FloatArray
@@ -186,7 +186,7 @@ class PosteriorSampling:
         problem, simulated = assessed.end.problem, curves.simulated
         box, normal = problem.box, assessed.density
         fitted = box.values(assessed.end.best.point)
-        density = ScenarioDensity(problem, assessed.white, simulated, fitted)
+        density = EmulatedProblem(problem, simulated, fitted, assessed.white)
         likely = normal.points[normal.weights > 1e-3 * normal.weights.max()]
         start = box.point(box.lower + (box.upper - box.lower) * likely)
         draws = self._drawn(density, curves, start, to_convergence=False)
@@ -203,7 +203,7 @@ class PosteriorSampling:
         return replace(found, draws=draws)
 
     def _drawn(
-        self, density: ScenarioDensity, curves: EmulatedCurves, start: FloatArray, *, to_convergence: bool
+        self, density: EmulatedProblem, curves: EmulatedCurves, start: FloatArray, *, to_convergence: bool
     ) -> Draws:
         def misfit(points: FloatArray) -> FloatArray:
             values = density.problem.box.values(points)

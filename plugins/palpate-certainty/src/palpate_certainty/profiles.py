@@ -15,7 +15,7 @@ from palpate.api.fit import RISE, Problem, Residuals, channel_of, least_near, li
 from palpate_certainty.declared import DECLARED
 from palpate_certainty.emulated_curves import (
     EmulatedCurves,
-    MeshCorrections,
+    EmulatedProblem,
     SimulatedCurves,
     runs_of_fits,
     runs_of_sets,
@@ -162,26 +162,21 @@ class EmulatedObjective:
     fitted: FloatArray
 
     @cached_property
-    def _meshes(self) -> MeshCorrections:
-        return MeshCorrections(self.problem, self.fitted)
+    def _emulated(self) -> EmulatedProblem:
+        return EmulatedProblem(self.problem, self.curves.simulated, self.fitted)
 
     def residuals(self, points: FloatArray) -> FloatArray:
         """Residuals (n, m) at points (n, n_parameters) of the box, without residuals of priors."""
-        values, meshes, parts = self.problem.box.values(points), self._meshes, []
-        ordinates = self.curves(values)
-        for term, name, _, _ in pieces(self.problem.terms):
-            channel = channel_of(name)
-            here = meshes.corrected(term, channel, values, ordinates[:, self._place(term.spot, channel)])
-            found = term.of_ordinates(name, here, len(self.problem.terms))
-            parts.append(found[:, term.counted(name)])
-        return np.concatenate(parts, axis=1)
+        values = self.problem.box.values(points)
+        return self._emulated.residuals(values, self.curves(values))
 
     def unknown(self, points: FloatArray) -> FloatArray:
         """Variance (n,) of what the emulator does not know, as a part of Fopt."""
         variance, found = self.curves.variance(self.problem.box.values(points)), np.zeros(len(points))
         for term, name, _, scale in pieces(self.problem.terms):
             channel, inside = channel_of(name), term.counted(name)
-            found += (variance[:, self._place(term.spot, channel)] * scale**2)[:, inside].sum(axis=1)
+            place = self.curves.simulated.places[term.spot, channel]
+            found += (variance[:, place] * scale**2)[:, inside].sum(axis=1)
         return found
 
     def least(self, points: FloatArray, free: BoolArray) -> FloatArray:
@@ -203,9 +198,6 @@ class EmulatedObjective:
         fopts = [(self.residuals(each) ** 2).sum(axis=1) for each in tried]
         started: FloatArray = np.stack(tried)[np.argmin(fopts, axis=0), np.arange(len(points))]
         return started
-
-    def _place(self, spot: str, channel: str) -> slice:
-        return self.curves.simulated.places[spot, channel]
 
 
 def fitted(residuals: Residuals, points: FloatArray, free: BoolArray) -> tuple[FloatArray, FloatArray]:
