@@ -20,6 +20,7 @@ from palpate_certainty.laplace import laplace, scores_of
 from palpate_certainty.posterior_sampling import PosteriorSampling
 from palpate_certainty.tables import certainty_tables, density_of
 from palpate_materials import Ogden
+from palpate_planning.information import ExpectedError
 from palpate_planning.plan import Expected
 from palpate_planning.propose import PlanningStage
 
@@ -64,12 +65,13 @@ def test_budget_combinations_and_plans_have_the_intervals_of_the_mean(assessed_w
         study=study, measured=stage.measured, assessed=joint, columns=stage.columns(joint.case)[0], meshes={}
     )
     design = planning.design()
+    planned = ExpectedError(covariance=np.eye(1), by_meshes=np.zeros((1, 0)), freedom=1.0)
     now = Expected(
         fit=design.laplace,
         within=partial(density_of, problem=design.problem, around=design.between.point),
         shared=design.shared,
-        before=np.eye(1),
-    ).after(np.eye(1))
+        before=planned,
+    ).after(planned)
     width = study.space.parameters[0].upper - study.space.parameters[0].lower
     assert np.diff(now.interval(joint.point), axis=0)[0, 0] * width == pytest.approx(length, rel=1e-6)
 

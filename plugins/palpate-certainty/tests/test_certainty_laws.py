@@ -9,7 +9,14 @@ from scipy.stats import binom, chi2, norm, t as student
 from palpate.api import Parameter
 from palpate.api.fit import Box
 from palpate_certainty.assumptions import ASSUMED
-from palpate_certainty.between_spots import SPOTS, UNUSUAL, by_spot, differences, probability_of_alike
+from palpate_certainty.between_spots import (
+    SPOTS,
+    UNUSUAL,
+    by_spot,
+    differences,
+    freedom_of,
+    probability_of_alike,
+)
 from palpate_certainty.laplace import Laplace, laplace, scores_of
 from palpate_certainty.noise_model import (
     error_scale,
@@ -293,7 +300,7 @@ def test_the_mean_and_the_spread_of_spots_that_differ_are_in_their_intervals(n_s
         own = laplace(np.zeros(3 * n_spots), residuals, width * slopes, errors, scores)
         prior = none[:, 0], none, np.empty((0, 0)), np.full(3, 0.5)
         found = differences(own, jacobian, rows, np.full((n_spots, 3), 0.5), box, prior)
-        most = student.ppf(0.975, found.freedom_with(found.mean.shares[SPOTS], 1e9))
+        most = student.ppf(0.975, freedom_of(found.mean.shares[SPOTS], found.freedom, 1e9))
         held += (np.abs(found.point - 0.5) < most * np.sqrt(np.diag(found.mean.covariance))).tolist()
         spread += ((found.ends[:, 0] <= sd / width) & (sd / width <= found.ends[:, 1])).tolist()
         assert ((found.ends[:, 0] <= found.sd) & (found.sd <= found.ends[:, 1])).all()

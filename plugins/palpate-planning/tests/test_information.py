@@ -7,6 +7,7 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 from hypothesis import given, settings, strategies as st
+from scipy import stats
 
 from palpate.domain import Curve, Parameter
 from palpate.fit.alike import correction_like
@@ -22,7 +23,7 @@ from palpate_planning.information import (
     cause_name,
     press_information,
 )
-from palpate_planning.plan import Expected, Goal
+from palpate_planning.plan import Expected, Goal, Plan
 
 ERRORS = ErrorSizes(
     noise={"force": 0.01, "torque": 0.02},
@@ -239,6 +240,44 @@ def test_mesh_bias_is_proportional_to_the_error_for_one_fit(seed, factor):
     assert (larger.rms(each) >= error.rms(each) * (1.0 - 1e-12)).all()
 
 
+def _at(site):
+    """A press of a place, where the first parameter differs from place to place by 0.05 of its range."""
+    slopes = 100.0 * np.stack([np.ones(12), np.arange(12.0)], axis=1)
+    return FisherInformation.of(slopes, {f"spots: a.0 {site}": 0.05 * slopes[:, :1]})
+
+
+def test_degrees_of_freedom_follow_the_places_that_are_planned():
+    """A mean of n places that differ has n - 1; a press that is repeated at a place adds none."""
+    presses = [_at("p1"), _at("p2")]
+    so_far = [SimpleNamespace(at=[SimpleNamespace(information=each)]) for each in presses]
+    parameters = tuple(
+        Parameter(name=f"a.{i}", unit="", lower=0.0, upper=1.0, kind="shape", description="") for i in "01"
+    )
+    goal = Goal(name="a.0", parameters=parameters, values=np.full(2, 0.5))
+    known = FisherInformation.of(np.zeros((1, 2)), {"prior": np.zeros((1, 0))})
+    plan = Plan(so_far, goal, known, 1, ErrorSizes(noise={}, discrepancy={}, freedom=9.0))
+    again, further = (
+        SimpleNamespace(
+            press=SimpleNamespace(name=site), at=[SimpleNamespace(information=_at(site))], peaks={}
+        )
+        for site in ("p2", "p3")
+    )
+    first, second = plan.ranked([again, further])
+    assert first.press is further
+    assert second.error.freedom == pytest.approx(plan.error.freedom, rel=0.1)
+    assert first.error.freedom == pytest.approx(2.0 * plan.error.freedom, rel=0.1)
+    raw = first.error.covariance[0, 0] / plan.error.covariance[0, 0]
+    student = stats.t.ppf(0.975, first.error.freedom) / stats.t.ppf(0.975, plan.error.freedom)
+    assert first.widths[0] == pytest.approx(student * np.sqrt(raw), rel=0.1)
+
+
+def test_scale_of_errors_is_better_known_by_more_presses():
+    """Two presses add 4 degrees of freedom to the prior's, so one more adds 2."""
+    errors = ErrorSizes(noise={}, discrepancy={}, freedom=ASSUMED.scale_freedom + 4.0)
+    assert errors.freedom_by(1, 2) == ASSUMED.scale_freedom + 6.0
+    assert errors.freedom_by(0, 0) == errors.freedom
+
+
 def test_without_an_error_of_the_mesh_there_is_no_bias():
     error, each = _meshed(0, amplitude=0.0).expected_error(), np.eye(3)
     assert not error.mesh_bias(each).any()
@@ -250,14 +289,16 @@ def test_expected_density_begins_at_the_fit_and_leaves_what_is_of_one_spot(seed,
     """Given what all presses share, a further press tells nothing of another one's onset."""
     rng, shared = np.random.default_rng(seed), [0, 2]
     root = rng.normal(size=(3, 3)) + 3.0 * np.eye(3)
-    fit = Laplace(centre=rng.uniform(size=3), covariance=root @ root.T, parts={})
+    fit = Laplace(centre=rng.uniform(size=3), covariance=root @ root.T, parts={}, freedom=3.0)
     planned = fit.covariance[np.ix_(shared, shared)] + 0.1 * np.eye(2)
+    before = ExpectedError(covariance=planned, by_meshes=np.zeros((2, 0)), freedom=2.0)
     found = []
     expected = Expected(
-        fit=fit, within=lambda each: found.append(each) or each.within(), shared=shared, before=planned
+        fit=fit, within=lambda each: found.append(each) or each.within(), shared=shared, before=before
     )
-    assert expected.after(planned).points.shape[1] == 2
-    expected.after(shrunk * planned)
+    assert expected.after(before).points.shape[1] == 2
+    expected.after(replace(before, covariance=shrunk * planned, freedom=4.0))
+    assert [each.freedom for each in found] == [3.0, 6.0]
     now, later = (each.covariance for each in found)
     np.testing.assert_allclose(now, fit.covariance, rtol=1e-9)
     both = np.ix_(shared, shared)

@@ -310,9 +310,9 @@ def test_first_presses_are_planned_over_the_ranges(run, tmp_path, notes):
         PlanOptions(allowed=ALLOWED, n_points=4, n_presses=2),
     )
     (announced,) = (text for text in notes.texts if text.startswith("about"))
-    n_each = 4 * (1 if study.solver.provides.slopes else 1 + 2 * len(found.expected.before))
+    n_each = 4 * (1 if study.solver.provides.slopes else 1 + 2 * len(found.expected.before.sds))
     assert announced == f"about {n_each * len(found.steps[0].ranked)} simulations (--quick is shorter)"
-    shares = np.sqrt(np.diag(found.expected.before))
+    shares = np.sqrt(np.diag(found.expected.before.covariance))
     assert shares == pytest.approx(RANGE_SD, rel=0.1)  # nothing is known but the ranges
     assert found.steps[0].chosen.press.press.keys["twist"]  # one press of force alone cannot tell both
     assert found.steps[0].chosen.goal < 0.7

@@ -7,7 +7,11 @@ from palpate.api import deferred
 if TYPE_CHECKING:
     from palpate_certainty.anatomy import OF_LIMB as OF_LIMB
     from palpate_certainty.assumptions import ASSUMED as ASSUMED
-    from palpate_certainty.between_spots import SPOTS as SPOTS, SpotDifferences as SpotDifferences
+    from palpate_certainty.between_spots import (
+        SPOTS as SPOTS,
+        SpotDifferences as SpotDifferences,
+        freedom_of as freedom_of,
+    )
     from palpate_certainty.emulator import GaussianProcess as GaussianProcess
     from palpate_certainty.error_sources import (
         MESH as MESH,
@@ -24,6 +28,7 @@ if TYPE_CHECKING:
         RANGE_SD as RANGE_SD,
         Density as Density,
         Laplace as Laplace,
+        wider as wider,
     )
     from palpate_certainty.linear_problem import LinearProblem as LinearProblem, linearised as linearised
     from palpate_certainty.mesh_error import SpotMesh as SpotMesh, usual_error as usual_error

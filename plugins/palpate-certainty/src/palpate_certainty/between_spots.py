@@ -82,10 +82,13 @@ class SpotDifferences:
         changes: FloatArray = sum((i * (jacobian @ own) for own, i in each), np.zeros(rows.spot.size))
         return changes
 
-    def freedom_with(self, share: FloatArray, others: float) -> float:
-        """Least degrees of freedom of variances of this ``share``, the rest with others (Satterthwaite)."""
-        inverse = share**2 / self.freedom + (1.0 - share) ** 2 / others
-        return float(1.0 / np.max(inverse))
+
+def freedom_of(share: FloatArray, between: float, others: float) -> float:
+    """Least degrees of freedom of variances with this ``share`` between spots, the rest with others.
+
+    Satterthwaite, Biometrics Bulletin 2, 1946.
+    """
+    return float(1.0 / np.max(share**2 / between + (1.0 - share) ** 2 / others))
 
 
 def shared_parameters(jacobian: FloatArray, rows: ResidualLayout) -> IntArray:

@@ -13,7 +13,7 @@ import polars as pl
 import scipy
 
 from palpate.api import BoolArray, FloatArray
-from palpate_certainty.between_spots import SPOTS
+from palpate_certainty.between_spots import SPOTS, freedom_of
 from palpate_certainty.linear_problem import errors_without
 from palpate_certainty.tables import Assessed
 
@@ -90,7 +90,7 @@ def _predicted(assessed: Assessed, out: BoolArray) -> tuple[FloatArray, FloatArr
     predicted = covariance - across - across.T + there @ (found.covariance + new) @ there.T
     if between is not None:
         share = np.trace(there @ (found.parts.get(SPOTS, 0.0) + new) @ there.T) / np.trace(predicted)
-        freedom = between.freedom_with(np.array([share]), freedom)
+        freedom = freedom_of(np.array([share]), between.freedom, freedom)
     return linear.residuals[out] + there @ (found.centre - linear.point), predicted, freedom
 
 

@@ -90,14 +90,8 @@ class Laplace:
 
         Student's density may have none; bounds are aside.
         """
-        sd: FloatArray = self.wider * np.sqrt(np.diag(self.covariance))
+        sd: FloatArray = wider(self.freedom) * np.sqrt(np.diag(self.covariance))
         return sd
-
-    @property
-    def wider(self) -> float:
-        """Length of a 95 % interval over the normal one with the scale matrix as its covariance."""
-        upper = 0.5 + LEVEL / 2.0
-        return float(scipy.stats.t.ppf(upper, self.freedom) / scipy.stats.norm.ppf(upper))
 
     @property
     def in_ranges(self) -> float:
@@ -178,6 +172,12 @@ class Density:
         apart = points - self.centre
         squares: FloatArray = (apart * np.linalg.solve(self.covariance, apart.T).T).sum(axis=1)
         return squares
+
+
+def wider(freedom: float) -> float:
+    """Length of Student's 95 % interval over the normal one with the scale matrix as its covariance."""
+    upper = 0.5 + LEVEL / 2.0
+    return float(scipy.stats.t.ppf(upper, freedom) / scipy.stats.norm.ppf(upper))
 
 
 def scores_of(jacobian: FloatArray, curves: IntArray) -> FloatArray:

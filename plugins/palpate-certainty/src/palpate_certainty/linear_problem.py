@@ -19,6 +19,7 @@ from palpate_certainty.between_spots import (
     UNUSUAL,
     SpotDifferences,
     by_spot,
+    freedom_of,
     differences,
     probability_of_alike,
     shared_parameters,
@@ -203,7 +204,7 @@ class LinearProblem:
         """
         if errors.between is not None:
             mean, freedom = errors.between.mean, errors.scale.freedom
-            return replace(mean, freedom=errors.between.freedom_with(mean.shares[SPOTS], freedom))
+            return replace(mean, freedom=freedom_of(mean.shares[SPOTS], errors.between.freedom, freedom))
         missed, freedom = self.residuals * (not is_likeliest), errors.scale.freedom
         return laplace(self.point, missed, self.jacobian, self.columns(errors), self.scores, freedom=freedom)
 

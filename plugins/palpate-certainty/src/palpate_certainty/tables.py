@@ -27,7 +27,7 @@ from palpate_certainty.adequacy import ALLOWED, Check, Misfit
 from palpate_certainty.assumptions import ASSUMED
 from palpate_certainty.declared import DECLARED
 from palpate_certainty.error_sources import MESH
-from palpate_certainty.laplace import Density, Laplace
+from palpate_certainty.laplace import Density, Laplace, wider
 from palpate_certainty.linear_problem import LinearProblem, ResidualErrors
 
 
@@ -246,7 +246,7 @@ def _budget(each: Assessed) -> Iterator[dict[str, Any]]:
 
 def _parameter_combinations(each: Assessed) -> Iterator[dict[str, Any]]:
     box, within = each.end.problem.box, each.laplace.in_range
-    covariance = within.wider**2 * within.covariance
+    covariance = wider(within.freedom) ** 2 * within.covariance
     for found in parameter_combinations(box.names, each.values, box.upper - box.lower, covariance):
         yield _about(each) | {
             "combination": found.text,

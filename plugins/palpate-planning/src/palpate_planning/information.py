@@ -6,6 +6,7 @@ Cholesky factor of C. So a press that is simulated once is added to any others i
 """
 
 import functools
+from collections import Counter
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field, replace
 from typing import Self, TypeVar, final
@@ -14,7 +15,17 @@ import numpy as np
 import scipy
 
 from palpate.api import BoolArray, FloatArray
-from palpate_certainty.api import ASSUMED, FLAT_SD, MESH, LinearProblem, ResidualLayout, matern
+from palpate_certainty.api import (
+    ASSUMED,
+    FLAT_SD,
+    MESH,
+    SPOTS,
+    LinearProblem,
+    ResidualLayout,
+    freedom_of,
+    matern,
+    wider,
+)
 
 SPACING = 0.1
 """Distance, in correlation lengths, of the places on a path between which a discrepancy is interpolated."""
@@ -37,6 +48,8 @@ class ErrorSizes:
         Both of a channel that no press has shown so far.
     common : float
         Share of a discrepancy's variance that all sites have in common.
+    freedom : float
+        Degrees of freedom of the stated errors' scale, by the presses so far.
     """
 
     noise: Mapping[str, float]
@@ -45,6 +58,12 @@ class ErrorSizes:
     lengths: Mapping[str, Mapping[float, float]] = field(default_factory=dict)
     usual: Callable[[str], float] = lambda _: 0.005
     common: float = ASSUMED.common
+    freedom: float = ASSUMED.scale_freedom
+
+    def freedom_by(self, n_more: int, n_so_far: int) -> float:
+        """Degrees of freedom where further presses show the scale as those so far do."""
+        shown = self.freedom - ASSUMED.scale_freedom
+        return self.freedom + n_more * shown / max(n_so_far, 1)
 
     def marginal(self, i: int) -> dict[float, float]:
         """Probability of each correlation length: of noise (0) or of the discrepancy (1)."""
@@ -86,15 +105,18 @@ class ExpectedError:
         By all causes, in shares of the ranges.
     by_meshes : (n_parameters, m) array
         J⁺c_i: change by one standard deviation of each error of the meshes.
+    freedom : float
+        Degrees of freedom of the covariance's scale.
     """
 
     covariance: FloatArray
     by_meshes: FloatArray
+    freedom: float = np.inf
 
     @property
     def sds(self) -> FloatArray:
-        """Standard deviations (n_parameters,) of the parameters."""
-        sds: FloatArray = np.sqrt(np.diag(self.covariance))
+        """Standard deviations (n_parameters,) of normal densities with the same 95 % intervals."""
+        sds: FloatArray = wider(self.freedom) * np.sqrt(np.diag(self.covariance))
         return sds
 
     def mesh_bias(self, along: FloatArray) -> FloatArray:
@@ -105,11 +127,12 @@ class ExpectedError:
     def rms(self, along: FloatArray) -> FloatArray:
         """Root mean square error (n,) of combinations (n, n_parameters): √(variance + bias²).
 
-        The variance is that by all other causes, so that the mesh counts once.
+        The variance is that by all other causes, so that the mesh counts once. It is of normal densities with
+        the same 95 % intervals, as :attr:`sds` are.
         """
         variance = np.sum(along @ self.covariance * along, axis=1)
         more = self.mesh_bias(along) ** 2 - np.sum((along @ self.by_meshes) ** 2, axis=1)
-        found: FloatArray = np.sqrt(variance + more)
+        found: FloatArray = wider(self.freedom) * np.sqrt(variance + more)
         return found
 
 
@@ -163,19 +186,30 @@ class FisherInformation:
         covariance: FloatArray = inverse.astype(np.float64)
         return (covariance + covariance.T) / 2.0
 
-    def expected_error(self, range_sd: float = FLAT_SD) -> ExpectedError:
-        """Error of the fit of these presses, in shares of the ranges."""
+    def expected_error(self, range_sd: float = FLAT_SD, freedom: float = np.inf) -> ExpectedError:
+        """Error of the fit of these presses, in shares of the ranges.
+
+        The scale of the stated errors has this ``freedom``; differences between spots have theirs, by the
+        number of places.
+        """
         covariance = self.covariance(range_sd)
         fit = covariance @ scipy.linalg.solve_triangular(self.root, self.scores, lower=True, trans="T").T
-        by_meshes: dict[str, FloatArray] = {}
+        by_cause: dict[str, dict[str, FloatArray]] = {MESH: {}, SPOTS: {}}
         end = 0
         for causes in self.causes:
             begin, end = end, end + len(next(iter(causes.values())))
-            for name in (name for name in causes if name.startswith(cause_name(MESH, ""))):
-                (change,) = (fit[:, begin:end] @ causes[name]).T
-                by_meshes[name] = by_meshes.get(name, 0.0) + change
-        columns = np.array(list(by_meshes.values())).reshape(-1, len(covariance)).T
-        return ExpectedError(covariance=covariance, by_meshes=columns)
+            for label, found in by_cause.items():
+                for name in (name for name in causes if name.startswith(cause_name(label, ""))):
+                    (change,) = (fit[:, begin:end] @ causes[name]).T
+                    found[name] = found.get(name, 0.0) + change
+        by_meshes, by_spots = (
+            np.array(list(found.values())).reshape(-1, len(covariance)).T for found in by_cause.values()
+        )
+        if by_spots.size:
+            of_spots = Counter(name.rpartition(" ")[0] for name in by_cause[SPOTS])
+            share = np.sum(by_spots**2, axis=1) / np.diag(covariance)
+            freedom = freedom_of(share, max(min(of_spots.values()) - 1.0, 1.0), freedom)
+        return ExpectedError(covariance=covariance, by_meshes=by_meshes, freedom=freedom)
 
     def _shared(self, other: Self) -> FloatArray:
         """Covariance (n, n_other) of the rows with the rows of others, by the error sources of both."""

@@ -22,8 +22,8 @@ from palpate.api import (
 )
 from palpate.api.fit import LEVEL, Parametrisation, SpotInputs, pieces
 from palpate.api.runs import Study, Tool
-from palpate_certainty.api import N_DRAWS, RANGE_SD, Density, Laplace
-from palpate_planning.information import ExpectedError, FisherInformation
+from palpate_certainty.api import FLAT_SD, N_DRAWS, RANGE_SD, Density, Laplace, wider
+from palpate_planning.information import ErrorSizes, ExpectedError, FisherInformation
 from palpate_planning.presses import DesignProblem, SimulatedPress, job_of, observed, point_in, slopes_of
 from palpate_prediction.api import is_by_force, refined_limbs
 
@@ -175,6 +175,11 @@ class Goal:
         check_goal(self.name, self.parameters)
 
     @property
+    def lower(self) -> FloatArray:
+        """Lower ends (n_parameters,) of the ranges."""
+        return np.array([p.lower for p in self.parameters])
+
+    @property
     def ranges(self) -> FloatArray:
         """Widths (n_parameters,) of the ranges."""
         return np.array([p.upper - p.lower for p in self.parameters])
@@ -192,8 +197,8 @@ class Goal:
         rms = expected.rms(np.eye(len(self.parameters)))
         if self.name == ALL:
             # The volume with the correlations of the fit, each width with the bias.
-            wider = np.log(rms / expected.sds).mean()
-            return float(np.exp(0.5 * np.linalg.slogdet(expected.covariance)[1] / len(rms) + wider))
+            of_bias = wider(expected.freedom) * np.exp(np.log(rms / expected.sds).mean())
+            return float(of_bias * np.exp(0.5 * np.linalg.slogdet(expected.covariance)[1] / len(rms)))
         if self.name == WORST:
             return float((rms * self.ranges / np.maximum(np.abs(self.values), 1e-3 * self.ranges)).max())
         return float(rms[[p.name for p in self.parameters].index(self.name)])
@@ -241,12 +246,20 @@ class Plan:
     ----------
     known : FisherInformation
         Information without a press: by the priors.
+    errors : ErrorSizes
+        Of which the scale's degrees of freedom grow with the number of presses.
     """
 
     def __init__(
-        self, so_far: Sequence[SimulatedPress], goal: Goal, known: FisherInformation, n_points: int
+        self,
+        so_far: Sequence[SimulatedPress],
+        goal: Goal,
+        known: FisherInformation,
+        n_points: int,
+        errors: ErrorSizes,
     ) -> None:
         self.goal = goal
+        self._errors, self._n_so_far = errors, len(so_far)
         self._times: dict[str, int] = {}
         self._information = [
             functools.reduce(operator.add, (each.at[k].information for each in so_far), known)
@@ -259,11 +272,16 @@ class Plan:
 
         Like the error of a fit, it knows little of the ranges: :class:`Expected` cuts it off at them.
         """
-        return self._information[0].expected_error(RANGE_SD)
+        return self._error(self._information[0], 0, RANGE_SD)
+
+    def _error(self, known: FisherInformation, n_more: int, range_sd: float = FLAT_SD) -> ExpectedError:
+        """Error after so many presses more than were added."""
+        freedom = self._errors.freedom_by(n_more + sum(self._times.values()), self._n_so_far)
+        return known.expected_error(range_sd, freedom)
 
     def ranked(self, presses: Sequence[SimulatedPress]) -> list[ExpectedEffect]:
         """Effects of each of these presses as the next one, the best first."""
-        before = [information.expected_error() for information in self._information]
+        before = [self._error(information, 0) for information in self._information]
         found = [self._effect(each, before) for each in presses if each.at]
         return sorted(found, key=lambda each: each.goal)
 
@@ -280,7 +298,7 @@ class Plan:
 
     def _effect(self, press: SimulatedPress, before: Sequence[ExpectedError]) -> ExpectedEffect:
         information, identity = self._with(press), np.eye(len(self.goal.parameters))
-        after = [known.expected_error() for known in information]
+        after = [self._error(known, 1) for known in information]
         pairs = list(zip(before, after, strict=True))
         biases = [new.mesh_bias(identity) * self.goal.ranges for new in after]
         return ExpectedEffect(
@@ -288,7 +306,7 @@ class Plan:
             goal=float(np.mean([self.goal.error(new) / self.goal.error(old) for old, new in pairs])),
             widths=np.mean([new.sds / old.sds for old, new in pairs], axis=0),
             mesh_bias=np.mean(biases, axis=0),
-            error=information[0].expected_error(RANGE_SD),
+            error=self._error(information[0], 1, RANGE_SD),
         )
 
 
@@ -304,28 +322,29 @@ class Expected:
         Cuts it off at ranges and filters.
     shared : sequence of int
         Numbers of the parameters that all presses share.
-    before : (n_shared, n_shared) array
-        Covariance of these by the presses so far, as planned: nearly the covariance of the fit.
+    before : ExpectedError
+        Of these by the presses so far, as planned: nearly the error of the fit.
     """
 
     fit: Laplace
     within: Callable[[Laplace], Density]
     shared: Sequence[int]
-    before: FloatArray
+    before: ExpectedError
 
-    def after(self, covariance: FloatArray) -> Density:
-        """Density after presses that change the planned covariance to this one (n_shared, n_shared).
+    def after(self, error: ExpectedError) -> Density:
+        """Density after presses that change the planned error to this one.
 
         The fit's changes as the planned one does, so that nothing planned leaves the density of the fit. What
         belongs to one spot stays as it is, given what all share.
         """
         here = np.ix_(self.shared, self.shared)
         known = self.fit.covariance[here]
-        change = np.linalg.cholesky(known) @ np.linalg.inv(np.linalg.cholesky(self.before))
+        change = np.linalg.cholesky(known) @ np.linalg.inv(np.linalg.cholesky(self.before.covariance))
         given = np.linalg.solve(known, self.fit.covariance[self.shared]).T
-        full = self.fit.covariance + given @ (change @ covariance @ change.T - known) @ given.T
-        symmetric = (full + full.T) / 2.0
-        return self.within(replace(self.fit, covariance=symmetric, parts={})).of(self.shared)
+        full = self.fit.covariance + given @ (change @ error.covariance @ change.T - known) @ given.T
+        freedom = self.fit.freedom * (error.freedom / self.before.freedom)
+        after = replace(self.fit, covariance=(full + full.T) / 2.0, parts={}, freedom=freedom)
+        return self.within(after).of(self.shared)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -346,8 +365,6 @@ class Proposal:
 
     Parameters
     ----------
-    before : ExpectedError
-        As planned, by the presses so far.
     steps : tuple of Step
         One after the other.
     refused : mapping of name to str
@@ -360,7 +377,6 @@ class Proposal:
 
     goal: Goal
     expected: Expected
-    before: ExpectedError
     steps: tuple[Step, ...]
     refused: Mapping[str, str]
     failure: str = ""
@@ -382,23 +398,21 @@ class Proposal:
 
     def _densities(self) -> Iterator[Density]:
         for error in self._errors():
-            yield self.expected.after(error.covariance)
+            yield self.expected.after(error)
 
     def _errors(self) -> list[ExpectedError]:
-        return [self.before, *(step.chosen.error for step in self.steps)]
+        return [self.expected.before, *(step.chosen.error for step in self.steps)]
 
 
 def interval(goal: Goal, density: Density) -> tuple[FloatArray, FloatArray]:
     """Ends (n_parameters,) of the 95 % intervals, with the goal's values inside."""
-    lower, width = _ranges(goal)
     ends = density.interval(shares_of(goal))
-    return lower + width * ends[0], lower + width * ends[1]
+    return goal.lower + goal.ranges * ends[0], goal.lower + goal.ranges * ends[1]
 
 
 def bands(goal: Goal, density: Density) -> tuple[FloatArray, FloatArray]:
     """Ends (n_predicted,) of the 95 % bands of what is predicted [N], by its gradient."""
-    lower, width = _ranges(goal)
-    drawn = lower + width * density.draws(N_DRAWS) - goal.values
+    drawn = goal.lower + goal.ranges * density.draws(N_DRAWS) - goal.values
     forces = [each.force_N * (1.0 + drawn @ each.gradient) for each in goal.predicted]
     ends = np.quantile(np.array(forces).reshape(-1, N_DRAWS), [0.5 - LEVEL / 2.0, 0.5 + LEVEL / 2.0], axis=1)
     return ends[0], ends[1]
@@ -406,11 +420,5 @@ def bands(goal: Goal, density: Density) -> tuple[FloatArray, FloatArray]:
 
 def shares_of(goal: Goal) -> FloatArray:
     """Goal's values (n_parameters,) as shares of the ranges."""
-    lower, width = _ranges(goal)
-    return (goal.values - lower) / width
-
-
-def _ranges(goal: Goal) -> tuple[FloatArray, FloatArray]:
-    """Lower end and width (n_parameters,) of the ranges."""
-    lower, upper = (np.array([getattr(p, end) for p in goal.parameters]) for end in ("lower", "upper"))
-    return lower, upper - lower
+    shares: FloatArray = (goal.values - goal.lower) / goal.ranges
+    return shares

@@ -24,7 +24,7 @@ from palpate_planning.candidates import (
     limits_of,
 )
 from palpate_planning.effort import MOST_POINTS, effort, forecast_first, say_time, simulations_of
-from palpate_planning.information import ErrorSizes, FisherInformation
+from palpate_planning.information import ErrorSizes, ExpectedError, FisherInformation
 from palpate_planning.plan import (
     ALL,
     PREDICTION,
@@ -234,6 +234,7 @@ class PlanningStage:
             lengths={channels[i]: found.lengths(i) for i in found.discrepancy},
             usual=self.study.budget.discrepancy_of,
             common=found.common,
+            freedom=self.assessed.errors.scale.freedom,
         )
         return DesignProblem(
             study=self.study,
@@ -299,9 +300,9 @@ def choose_presses(
     if not possible:
         name, why = next(iter(refused.items()))
         raise StudyError(f"none of {len(simulated)} candidates is possible: {name}: {why}; allow others")
-    plan = Plan(so_far, goal, of_priors(design), len(points))
-    before, n_places = plan.error, USUAL_PLACES if options.allowed is None else options.allowed.places
-    expected, steps = _expected(design, goal, before.covariance), []
+    plan = Plan(so_far, goal, of_priors(design), len(points), design.errors)
+    n_places = USUAL_PLACES if options.allowed is None else options.allowed.places
+    expected, steps = _expected(design, goal, plan.error), []
     sites, used = {design.site(each.press.spot) for each in so_far}, set[str]()
     for _ in range(options.n_presses):
         others = used or sites
@@ -311,7 +312,7 @@ def choose_presses(
         steps.append(Step(ranked=tuple(ranked)))
         plan.add(steps[-1].chosen.press)
         used.add(design.site(steps[-1].chosen.press.press.spot))
-    return Proposal(goal=goal, expected=expected, before=before, steps=tuple(steps), refused=refused)
+    return Proposal(goal=goal, expected=expected, steps=tuple(steps), refused=refused)
 
 
 def shared_parameters(design: DesignProblem) -> tuple[Parameter, ...]:
@@ -344,11 +345,13 @@ def _goal(design: DesignProblem, options: PlanOptions, point: FloatArray) -> Goa
     )
 
 
-def _expected(design: DesignProblem, goal: Goal, before: FloatArray) -> Expected:
+def _expected(design: DesignProblem, goal: Goal, before: ExpectedError) -> Expected:
     """State the density now: of the fit, or around the goal's values before any press."""
     if design.laplace is None:
-        usual = Laplace(centre=shares_of(goal), covariance=before, parts={})
-        return Expected(fit=usual, within=Laplace.within, shared=range(len(before)), before=before)
+        usual = Laplace(
+            centre=shares_of(goal), covariance=before.covariance, parts={}, freedom=before.freedom
+        )
+        return Expected(fit=usual, within=Laplace.within, shared=range(usual.centre.size), before=before)
     around = None if design.between is None else design.between.point
     within = partial(density_of, problem=design.problem, around=around)
     return Expected(fit=design.laplace, within=within, shared=design.shared, before=before)
