@@ -18,10 +18,10 @@ ROOT = Path(__file__).parents[2]
 LONGEST_FILE = 500
 LONGEST_FUNCTION = 45
 MOST = {
-    "lines": 77_330,
-    "lines of the core": 33_325,
+    "lines": 77_384,
+    "lines of the core": 33_386,
     "classes": 657,
-    "constants": 697,
+    "constants": 692,
     "long files": 0,
     "long functions": 6,
     "docstrings without a noun first": 0,

@@ -4,8 +4,8 @@ import numpy as np
 import pytest
 from scipy.linalg import null_space
 
+from palpate.api.fit import THRESHOLDS
 from palpate_certainty.adequacy import shape_of
-from palpate_certainty.assumptions import ASSUMED
 from palpate_certainty.noise_model import NoiseModel, estimate
 
 from .pressed_residuals import EXPECTED, check, drawn, errors_of, fitted, missed, press, problem
@@ -40,7 +40,7 @@ def test_a_discrepancy_that_is_called_visible_is_seen_in_nine_of_ten(times, leas
 
     visible = shape(np.zeros(rows.spot.size))[1]
     more = sum(visible[c] ** 2 * rows.discrepancy(c, 0.35, 1.0) for c in rows.channels)
-    seen = [shape(drawn(rng, usual + times * more))[0] < ASSUMED.unusual for _ in range(40)]
+    seen = [shape(drawn(rng, usual + times * more))[0] < THRESHOLDS.unusual for _ in range(40)]
     assert least <= sum(seen) <= most
 
 

@@ -7,7 +7,7 @@ import polars as pl
 import pytest
 
 import palpate_report
-from palpate.api.fit import Adequacy
+from palpate.api.fit import THRESHOLDS, Adequacy
 from palpate.domain import (
     Relaxation,
     Response,
@@ -83,7 +83,8 @@ def test_most_likely_values_have_the_intervals_and_draws_of_their_own(ended):
 @pytest.mark.parametrize("is_far", [False, True])
 def test_another_material_approximates_the_data_or_does_not_describe_them(ended, monkeypatch, is_far):
     if is_far:
-        monkeypatch.setattr("palpate_certainty.adequacy.MOST_DIFFERENCE", 0.01)
+        closer = replace(THRESHOLDS, close_difference=0.01)
+        monkeypatch.setattr("palpate_certainty.adequacy.THRESHOLDS", closer)
     study, measured, case, _ = ended(NeoHookean(), ("E", "nu"), truth=np.array([0.08, 7.5]))
     found = Assessment(study=study, measured=measured).run([case])
     failed = found["adequacy"].filter(pl.col("verdict") != "describes")

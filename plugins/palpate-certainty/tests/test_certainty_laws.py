@@ -7,16 +7,9 @@ from scipy.linalg import null_space
 from scipy.stats import binom, chi2, norm, t as student
 
 from palpate.api import Parameter
-from palpate.api.fit import Box
+from palpate.api.fit import THRESHOLDS, Box
 from palpate_certainty.assumptions import ASSUMED
-from palpate_certainty.between_spots import (
-    SPOTS,
-    UNUSUAL,
-    by_spot,
-    differences,
-    freedom_of,
-    probability_of_alike,
-)
+from palpate_certainty.between_spots import SPOTS, by_spot, differences, freedom_of, probability_of_alike
 from palpate_certainty.laplace import Laplace, laplace, scores_of
 from palpate_certainty.noise_model import (
     error_scale,
@@ -281,7 +274,7 @@ def test_spots_of_different_tissue_are_seen():
     found = estimate(
         residuals, null_space(jacobian.T), np.zeros((len(residuals), 1)), rows, expected=EXPECTED
     )
-    assert probability_of_alike(residuals, jacobian, sum(found.covariances(rows)), rows) < UNUSUAL
+    assert probability_of_alike(residuals, jacobian, sum(found.covariances(rows)), rows) < THRESHOLDS.spots
 
 
 @pytest.mark.parametrize(("n_spots", "worlds"), [(5, 40)])

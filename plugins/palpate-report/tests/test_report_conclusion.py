@@ -8,6 +8,7 @@ import polars as pl
 import pytest
 
 from palpate.domain import Normaliser, Response, Scenario, Spot
+from palpate.domain.thresholds import THRESHOLDS
 from palpate.fit.least_squares import LeastSquares
 from palpate.mesh.specimens import block
 from palpate.plugins.score import Nmse, NmseSettings, ScoringRules
@@ -350,7 +351,7 @@ def test_a_proof_that_failed_is_named(content, passed):
 def test_the_guide_has_the_limits_that_are_applied():
     guide = (Path(__file__).parents[3] / "docs" / "report.md").read_text(encoding="utf-8")
     for wording in (
-        f"R² below {warnings.GOOD_R2:g}", f"R² below {warnings.NO_FIT_R2:g}",
+        f"R² below {THRESHOLDS.good_r2:g}", f"R² below {THRESHOLDS.no_fit_r2:g}",
         f"fewer than {warnings.FEW_SETS} sets per parameter",
         f"more than 1 in {1 / warnings.FAILED_SHARE:g}",
         f"{BY_ITSELF.single_column:g} mm wide for one column or {BY_ITSELF.double_column:g} mm for two",

@@ -12,8 +12,6 @@ import polars as pl
 
 from palpate.answer.moduli import initial_moduli
 from palpate.answer.words import (
-    EDGE,
-    NO_FIT_R2,
     UNCLEAR,
     Adequacy,
     mark_of,
@@ -22,6 +20,7 @@ from palpate.answer.words import (
     worst_of,
 )
 from palpate.domain import Design, FloatArray, Parameter, ParameterName
+from palpate.domain.thresholds import THRESHOLDS
 from palpate.fit.fitted import reported_rows
 from palpate.plugins.table import OF_ROW, StageTable, TableColumn
 from palpate.run.result import ALL_SPOTS, LEVEL, FitResult
@@ -172,7 +171,7 @@ def _sources(results: Results) -> Iterator[_Source]:
 def _low_r2(rows: Sequence[Mapping[str, Any]], names: Sequence[str]) -> list[str]:
     """Least R² of each name that has one below which nothing fits, in words."""
     found = {name: [at for row in rows if (at := row.get(f"r2_{name}")) is not None] for name in names}
-    return [f"R² {name} {min(at):.3g}" for name, at in found.items() if at and min(at) < NO_FIT_R2]
+    return [f"R² {name} {min(at):.3g}" for name, at in found.items() if at and min(at) < THRESHOLDS.no_fit_r2]
 
 
 def _set_for_all(results: Results) -> Iterator[Mapping[str, Any]]:
@@ -283,8 +282,8 @@ def _at_limit(parameter: Parameter, value: float) -> bool:
     while not parameter.lower <= value <= parameter.upper:
         parameter = parameter.wider(below=value < parameter.lower)
     share = share_of_range(parameter, value)
-    is_lowest = share < EDGE and parameter.lower > parameter.physical_lower
-    return is_lowest or (share > 1.0 - EDGE and parameter.upper < parameter.physical_upper)
+    is_lowest = share < THRESHOLDS.end and parameter.lower > parameter.physical_lower
+    return is_lowest or (share > 1.0 - THRESHOLDS.end and parameter.upper < parameter.physical_upper)
 
 
 def _at_end(parameter: Parameter, row: Mapping[str, Any], drawn: FloatArray) -> bool:
@@ -296,9 +295,9 @@ def _at_end(parameter: Parameter, row: Mapping[str, Any], drawn: FloatArray) -> 
         return False
     if row["lower"] is not None and row["upper"] is not None:
         ends = [share_of_range(parameter, row[end]) for end in ("lower", "upper")]
-        if ends[0] > EDGE and ends[1] < 1.0 - EDGE:
+        if ends[0] > THRESHOLDS.end and ends[1] < 1.0 - THRESHOLDS.end:
             return False
-    spacing = max(EDGE, 1.0 / drawn.size)
+    spacing = max(THRESHOLDS.end, 1.0 / drawn.size)
     return (
         row["value"] in (drawn.min(), drawn.max())
         or not spacing < share_of_range(parameter, row["value"]) < 1.0 - spacing

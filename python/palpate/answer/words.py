@@ -7,8 +7,14 @@ from types import MappingProxyType
 import numpy as np
 
 from palpate.domain import Parameter
+from palpate.domain.thresholds import THRESHOLDS
 
-WORDS: tuple[tuple[float, str], ...] = ((0.1, "well"), (0.3, "roughly"), (0.8, "poorly"), (np.inf, "not"))
+WORDS: tuple[tuple[float, str], ...] = (
+    (THRESHOLDS.well, "well"),
+    (THRESHOLDS.roughly, "roughly"),
+    (THRESHOLDS.poorly, "poorly"),
+    (np.inf, "not"),
+)
 """Word for an interval up to each relative width."""
 
 UNCLEAR = "unclear"
@@ -24,13 +30,6 @@ class Adequacy(StrEnum):
     """Curves that differ by more: parameters are effective ones, of these curves and this range."""
     FAILS = "does not describe"
     """Curves: no parameters can be read."""
-
-
-EDGE = 0.01
-"""Share of a range within which a value is at its end."""
-
-NO_FIT_R2 = 0.5
-"""R² in a fitted channel below which a set is not called a fit."""
 
 
 def worst_of(verdicts: Iterable[Adequacy | str]) -> Adequacy:

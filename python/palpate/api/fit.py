@@ -21,7 +21,6 @@ if TYPE_CHECKING:
     )
     from palpate.answer.words import (
         EFFECTIVE as EFFECTIVE,
-        NO_FIT_R2 as NO_FIT_R2,
         NOT as NOT,
         OTHER_RATE as OTHER_RATE,
         REFUSED as REFUSED,
@@ -37,6 +36,7 @@ if TYPE_CHECKING:
         worst_of as worst_of,
     )
     from palpate.domain import channel_of as channel_of, weighed_phases as weighed_phases
+    from palpate.domain.thresholds import THRESHOLDS as THRESHOLDS
     from palpate.fit.alike import (
         changed_like as changed_like,
         correction_like as correction_like,

@@ -7,6 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from palpate.domain import Relaxation, Response
+from palpate.domain.thresholds import THRESHOLDS
 
 REMEDY = (
     "The relaxation changes the parameters by more than their intervals show. Press and twist slower, rest "
@@ -63,8 +64,7 @@ def relaxation_of(measured: Mapping[str, Response], gain: float) -> LargestRelax
     for spot, response in measured.items():
         for rest in response.relaxations:
             share = rest.fall / _peak(response, rest) if rest.fall else 0.0
-            # Gains of the budget by which a channel may fall in a rest.
-            is_beyond = rest.is_significant and share > 2.0 * gain
+            is_beyond = rest.is_significant and share > THRESHOLDS.relaxed * gain
             place = spot if len(measured) > 1 else ""
             found.append(LargestRelaxation(rest=rest, share=share, place=place, is_beyond=is_beyond))
     return max(found, key=lambda each: (each.is_beyond, each.share), default=None)

@@ -8,15 +8,9 @@ import numpy as np
 import scipy
 
 from palpate.api import FloatArray
-from palpate.api.fit import Adequacy, SpotTerm, channel_of, pieces
+from palpate.api.fit import THRESHOLDS, Adequacy, SpotTerm, channel_of, pieces
 from palpate_certainty.assumptions import ASSUMED
 from palpate_certainty.linear_problem import LinearProblem, ResidualErrors
-
-ALLOWED = 4.0
-"""Difference of a model that does not describe the data, over the standard deviation of a good one's."""
-
-MOST_DIFFERENCE = 0.2
-"""Largest difference, over the peak, of a model that approximates a channel …"""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -66,7 +60,7 @@ class Closeness:
     @property
     def is_close(self) -> bool:
         """True if a model that is no closer still approximates the channel."""
-        return self.difference <= MOST_DIFFERENCE and self.r2 >= 0.9
+        return self.difference <= THRESHOLDS.close_difference and self.r2 >= THRESHOLDS.close_r2
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -159,7 +153,7 @@ def shape_of(linear: LinearProblem, errors: ResidualErrors) -> tuple[float, dict
         square = np.sum(tested**2) + 2.0 * times * np.sum(both * tested) + times**2 * np.sum(both * both.T)
         return scipy.stats.chi2(mean**2 / square, scale=square / mean)
 
-    limit = distribution(0.0).isf(ASSUMED.unusual)
+    limit = distribution(0.0).isf(THRESHOLDS.unusual)
 
     def unseen(log: float) -> float:
         """Probability that the test does not see so many times the usual discrepancy, less a tenth."""
@@ -203,7 +197,7 @@ def _noise(along: FloatArray) -> float:
 
 def is_beyond(misfit: Misfit, expected: float) -> bool:
     """True if a good model, with a discrepancy of the ``expected`` size, does not differ so much."""
-    return misfit.unexplained > ALLOWED * expected
+    return misfit.unexplained > THRESHOLDS.allowed * expected
 
 
 def checks(
@@ -236,9 +230,9 @@ def checks(
         name="shape",
         channel=-1,
         probability=shape[0],
-        verdict=unusual if shape[0] < ASSUMED.unusual else Adequacy.DESCRIBES,
+        verdict=unusual if shape[0] < THRESHOLDS.unusual else Adequacy.DESCRIBES,
     )
     if alike is not None:
         yield Check(name="spots", channel=-1, probability=alike, verdict=Adequacy.DESCRIBES)
-    verdict = unusual if in_ranges < 1e-3 else Adequacy.DESCRIBES  # does not happen to a good model
+    verdict = unusual if in_ranges < THRESHOLDS.outside else Adequacy.DESCRIBES
     yield Check(name="ranges", channel=-1, probability=in_ranges, verdict=verdict)

@@ -22,10 +22,9 @@ from palpate.api import (
     Simulation,
 )
 from palpate.api.executors import StoppedError
-from palpate.api.fit import Adequacy, Case, Fit, Trial, channel_of
+from palpate.api.fit import THRESHOLDS, Adequacy, Case, Fit, Trial, channel_of
 from palpate.api.runs import Study, relaxation_of
 from palpate_certainty.adequacy import Check, checks, closeness_of, is_beyond, misfits, shape_of
-from palpate_certainty.assumptions import ASSUMED
 from palpate_certainty.error_sources import (
     MESH,
     Columns,
@@ -177,7 +176,7 @@ class Assessment:
             there = replace(there, residuals=there.residuals + changes)
         missed = again.misfits if again else misfits(there, averaged, errors)
         shape = again.shape if again else shape_of(averaged, errors)
-        if shape[0] < ASSUMED.unusual or any(is_beyond(m, linear.expected[i]) for i, m in missed.items()):
+        if shape[0] < THRESHOLDS.unusual or any(is_beyond(m, linear.expected[i]) for i, m in missed.items()):
             linear, errors = linear.like_fopt(errors)
         of_all = linear.density(errors, is_likeliest=is_likeliest)
         density, point = most_likely(of_all, linear, errors, end.problem)

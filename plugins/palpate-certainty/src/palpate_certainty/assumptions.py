@@ -51,10 +51,9 @@ class Assumptions:
         Probability of a discrepancy that is no larger than the one of a model that differs from the curves by
         more than its stated errors; such a model is fitted by Fopt's weights. Evidence: the second presses in
         ``benchmarks/evidence.md#other-laws-and-spots``.
-    unusual : float
-        Probability of residuals under which a model does not describe the data, where a test looks for a
-        discrepancy of the correlation length ``law_length``, alike at all spots, and with the weight
-        ``larger`` for larger stated errors. Chosen on even seeds of the same worlds.
+    law_length, larger : float
+        Correlation length of a discrepancy, alike at all spots, that a test of the residuals looks for, and
+        the weight that it gives larger stated errors. Chosen on even seeds of the same worlds.
     scale_freedom : float
         Degrees of freedom of the inverse-gamma prior on the scale of all stated errors, which is 1. Tested
         by the regions at twice the errors.
@@ -75,7 +74,6 @@ class Assumptions:
     discrepancy_lengths: tuple[float, ...] = (0.15, 0.35, 0.8)
     longest_noise: float = 0.1
     not_excluded: float = 0.9
-    unusual: float = 0.02
     law_length: float = 0.35
     larger: float = 0.3
     scale_freedom: float = 5.0

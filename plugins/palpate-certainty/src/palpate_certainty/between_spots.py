@@ -20,9 +20,6 @@ from palpate_certainty.noise_model import ResidualLayout
 SPOTS = "spots"
 """Error source of the differences between spots."""
 
-UNUSUAL = 0.05
-"""Probability of spots that differ so much, under which they have parameters of their own."""
-
 LEAST_SD, MOST_SD = 1e-5, 3.0
 """Ends of the standard deviations, in coordinates of the box, among which the most likely is sought."""
 

@@ -13,6 +13,7 @@ import polars as pl
 import scipy
 
 from palpate.api import BoolArray, FloatArray
+from palpate.api.fit import THRESHOLDS
 from palpate_certainty.between_spots import SPOTS, freedom_of
 from palpate_certainty.linear_problem import errors_without
 from palpate_certainty.tables import Assessed
@@ -116,5 +117,4 @@ def sentence(table: pl.DataFrame) -> str:
 def is_apart(table: pl.DataFrame) -> bool:
     """True if a held-out curve is so far off as hardly any would be by chance."""
     least = table["probability"].min()
-    # Probability, over all held-out curves, under which one as far off does not belong to the others.
-    return isinstance(least, float) and least * table.height < 0.05
+    return isinstance(least, float) and least * table.height < THRESHOLDS.held_out

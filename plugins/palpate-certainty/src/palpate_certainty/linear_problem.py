@@ -13,14 +13,13 @@ import numpy as np
 import scipy
 
 from palpate.api import BoolArray, FloatArray, IntArray, PalpateError
-from palpate.api.fit import Box, Evaluation
+from palpate.api.fit import THRESHOLDS, Box, Evaluation
 from palpate_certainty.between_spots import (
     SPOTS,
-    UNUSUAL,
     SpotDifferences,
     by_spot,
-    freedom_of,
     differences,
+    freedom_of,
     probability_of_alike,
     shared_parameters,
 )
@@ -249,7 +248,7 @@ def errors_of(linear: LinearProblem, first: ResidualErrors | None = None) -> Res
         return errors
     stated = linear.stated @ linear.stated.T + linear.rest(errors.noise)
     alike = probability_of_alike(linear.residuals, linear.jacobian, stated, linear.rows)
-    if alike >= UNUSUAL:
+    if alike >= THRESHOLDS.spots:
         return replace(errors, alike=alike)
     if first is None or first.between is None:
         by = linear.by_spot

@@ -12,6 +12,7 @@ from palpate.api import FloatArray
 from palpate.api.fit import (
     INCLUDED,
     LEVEL,
+    THRESHOLDS,
     UNCLEAR,
     Adequacy,
     Case,
@@ -23,8 +24,7 @@ from palpate.api.fit import (
     worst_of,
 )
 from palpate.api.runs import Study
-from palpate_certainty.adequacy import ALLOWED, Check, Misfit
-from palpate_certainty.assumptions import ASSUMED
+from palpate_certainty.adequacy import Check, Misfit
 from palpate_certainty.declared import DECLARED
 from palpate_certainty.error_sources import MESH
 from palpate_certainty.laplace import Density, Laplace, wider
@@ -307,7 +307,7 @@ def _adequacy(each: Assessed, study: Study) -> Iterator[dict[str, Any]]:
             "discrepancy": "" if channel is None else _missed(each, check.channel, study),
             "shape": (
                 "errors of the budget give residuals of this shape along the path in less than "
-                f"{100.0 * ASSUMED.unusual:g} of 100 cases"
+                f"{100.0 * THRESHOLDS.unusual:g} of 100 cases"
             ),
             "ranges": "the curves ask for parameters outside of their ranges",
             "relaxation": check.message,
@@ -333,7 +333,7 @@ def _missed(each: Assessed, number: int, study: Study) -> str:
     size = _quantity(y, misfit.share * float(np.abs(curve.ordinate).max()))
     at_spot = f" of {spot.spot}" if len(terms) > 1 else ""
     at = _quantity(x, float(curve.abscissa[point]), is_named=True)
-    allowed = ALLOWED * study.budget.discrepancy_of(name)
+    allowed = THRESHOLDS.allowed * study.budget.discrepancy_of(name)
     return (
         f"the {name} differs from the model by up to {100.0 * misfit.share:.2g} % of its peak "
         f"({size}{at_spot} at {at}); noise and error budget leave {100.0 * misfit.unexplained:.2g} % "

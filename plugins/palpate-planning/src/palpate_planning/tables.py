@@ -10,7 +10,7 @@ import polars as pl
 from palpate.api import Indentation, Limb
 from palpate.api.cli import Closed, Row
 from palpate.api.experiment import POSE
-from palpate.api.fit import ALL_SPOTS
+from palpate.api.fit import ALL_SPOTS, THRESHOLDS
 from palpate_planning.candidates import CandidatePress, described
 from palpate_planning.plan import ExpectedEffect, Proposal
 from palpate_report.api import brief_names
@@ -109,8 +109,8 @@ def _intervals(proposal: Proposal) -> list[dict[str, Any]]:
 def not_narrowed(ranking: pl.DataFrame) -> list[str]:
     """Parameters that no press of a ranking narrows by more than a twentieth."""
     widths = [name for name in ranking.columns if name.startswith(WIDTH)]
-    # Width over that before, above which a press counts as narrowing nothing.
-    return [name.removeprefix(WIDTH) for name in widths if ranking[name].min() > 0.95]  # type: ignore[operator]
+    least = {name.removeprefix(WIDTH): ranking[name].min() for name in widths}
+    return [name for name, width in least.items() if width > THRESHOLDS.narrowed]  # type: ignore[operator]
 
 
 def realised(

@@ -4,14 +4,13 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 from palpate.api import ParameterName, ParameterSpace
-from palpate.api.fit import EFFECTIVE, MODULI, NO_FIT_R2
+from palpate.api.fit import EFFECTIVE, MODULI, THRESHOLDS
 from palpate.api.report import ReportWarning, shown
 from palpate_report.answer.headline import between_spots
 from palpate_report.answer.law import laws_of, searched_laws
 from palpate_report.answer.model_verdict import least_r2
 from palpate_report.answer.next_step import cause_name
 from palpate_report.answer.result import Conclusion
-from palpate_report.answer.warnings import GOOD_R2
 from palpate_report.data.marks import Headline, in_words, with_unit
 from palpate_report.data.report_data import ReportData
 
@@ -139,7 +138,7 @@ def quality(data: ReportData) -> str:
     """R² of each fitted channel, the least of all spots, with a word for it."""
     found = []
     for channel, (r2, spot) in least_r2(data).items():
-        word = "good" if r2 >= GOOD_R2 else "poor" if r2 >= NO_FIT_R2 else "no fit"
+        word = "good" if r2 >= THRESHOLDS.good_r2 else "poor" if r2 >= THRESHOLDS.no_fit_r2 else "no fit"
         least = f" at {spot} (the least)" if len(data.spots) > 1 else ""
         found.append(f"{channel}: {word}, R² {shown(r2)}{least}")
     return "; ".join(found)

@@ -3,7 +3,7 @@
 from collections.abc import Iterator
 from dataclasses import dataclass
 
-from palpate.api.fit import NO_FIT_R2, Adequacy, channel_of
+from palpate.api.fit import THRESHOLDS, Adequacy, channel_of
 from palpate.api.report import rounded
 from palpate_report.answer.failed_checks import failed_checks
 from palpate_report.answer.law import laws_of
@@ -52,7 +52,8 @@ def model_verdict(data: ReportData) -> ModelVerdict:
         return ModelVerdict(power=_power(data))
     if verdict is Adequacy.APPROXIMATES:
         return ModelVerdict(verdict=verdict, sentence=_approximation(data))
-    wrong = [f"{name} at {spot} (R² {r2:.3g})" for name, spot, r2 in r2_by_spot(data) if r2 < NO_FIT_R2]
+    least, found = THRESHOLDS.no_fit_r2, r2_by_spot(data)
+    wrong = [f"{name} at {spot} (R² {r2:.3g})" for name, spot, r2 in found if r2 < least]
     if wrong:
         more = f" and {len(wrong) - 4} more" if len(wrong) > 4 else ""
         why = f"the best set does not fit {', '.join(wrong[:4])}{more}"

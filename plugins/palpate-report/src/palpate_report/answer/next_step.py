@@ -8,7 +8,7 @@ from pathlib import Path
 from types import MappingProxyType
 
 from palpate.api import Indentation
-from palpate.api.fit import Adequacy
+from palpate.api.fit import THRESHOLDS, Adequacy
 from palpate.api.mesh import EDGE_OVER_REACH
 from palpate_report.answer.failed_checks import failed_checks
 from palpate_report.data.marks import Headline, in_words
@@ -123,8 +123,7 @@ def _shows_misfit(data: ReportData) -> bool:
     """Whether the fit that leads misses more than the study states, though its checks have passed."""
     checks = data.leading_rows(data.fit.adequacy)
     least = checks.filter(check="discrepancy")["probability"].min()
-    # Probability of the largest misfit under which the data show more model error than the study states.
-    return isinstance(least, float) and least < 0.05
+    return isinstance(least, float) and least < THRESHOLDS.misfit
 
 
 def _basis(data: ReportData, cause: str) -> str:

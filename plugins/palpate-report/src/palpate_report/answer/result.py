@@ -8,7 +8,7 @@ from typing import Self
 import polars as pl
 
 from palpate.api import ParameterName, PluginError
-from palpate.api.fit import ALL_SPOTS, UNCLEAR, WORDS
+from palpate.api.fit import ALL_SPOTS, THRESHOLDS, UNCLEAR, WORDS
 from palpate.api.report import ReportWarning, Section, rounded, shown
 from palpate.api.runs import Study, answering_for
 from palpate_report.answer.failed_checks import apparent, left_out
@@ -304,7 +304,7 @@ def _by_sweep(data: ReportData, parameter: str) -> str:
         pl.col("correlation").abs(), descending=True, maintain_order=True
     )
     trade = ""
-    if not strongest.is_empty() and abs(strongest["correlation"][0]) >= 0.9:
+    if not strongest.is_empty() and abs(strongest["correlation"][0]) >= THRESHOLDS.correlated:
         row = strongest.row(0, named=True)
         other = data.brief[row["most_correlated_with"]].name
         trade = f"; most correlated with {other} (correlation {row['correlation']:.2f}, spot {row['spot']})"

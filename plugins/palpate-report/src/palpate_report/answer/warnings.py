@@ -9,7 +9,7 @@ from math import inf
 
 import polars as pl
 
-from palpate.api.fit import FIT, NO_FIT_R2, UNCLEAR, UNSEEN, UNSETTLED, WIDENED, Adequacy
+from palpate.api.fit import FIT, THRESHOLDS, UNCLEAR, UNSEEN, UNSETTLED, WIDENED, Adequacy
 from palpate.api.report import ReportWarning
 from palpate.api.runs import (
     REMEDY,
@@ -27,9 +27,6 @@ from palpate_report.data.best import Best
 from palpate_report.data.marks import in_words
 from palpate_report.data.report_data import ReportData
 from palpate_report.data.tables import cost_of_one_set, finding
-
-GOOD_R2 = 0.95
-"""R² in a fitted channel below which a fit is called poor."""
 
 FEW_SETS = 10
 """Sets per parameter below which a sweep is called thin."""
@@ -63,7 +60,7 @@ def report_warnings(
         first = "" if data.fit.intervals.is_empty() else linear
         why = f"{first}So far: {data.unfinished}. The page shows the best of the simulations so far."
         yield warn("unfinished", "The run has not ended", why)
-    wrong = [(name, f"{fit} R² {at:.3g}") for name, fit, at in _r2(data, -inf, NO_FIT_R2)]
+    wrong = [(name, f"{fit} R² {at:.3g}") for name, fit, at in _r2(data, -inf, THRESHOLDS.no_fit_r2)]
     yield from _by_scenario(data, "no-fit", "{n} of the best sets {do} not fit", wrong, CHECK)
     yield from _about_adequacy(data)
     yield from _about_truth(missed)
@@ -112,7 +109,8 @@ def _r2(data: ReportData, least: float, below: float) -> Iterator[tuple[str, str
 
 
 def _about_poor_fit(data: ReportData) -> Iterator[ReportWarning]:
-    poor = [(name, f"{fit} R² {at:.3f}") for name, fit, at in _r2(data, NO_FIT_R2, GOOD_R2)]
+    found = _r2(data, THRESHOLDS.no_fit_r2, THRESHOLDS.good_r2)
+    poor = [(name, f"{fit} R² {at:.3f}") for name, fit, at in found]
     why = (
         "This material law may be wrong for this specimen."
         if data.study.protocol is None
