@@ -108,7 +108,8 @@ def new_presses(assessed, tissue, study, row) -> np.ndarray:
     """Share of the points of each new curve (n, 2) that bands hold without the model error, and with."""
     tables, space = certainty_tables([assessed], study), study.space
     values = dict(zip(space.names, assessed.values.tolist(), strict=True))
-    drawn = [space.thetas(np.array([each[n] for n in space.names])) for each in tables["draws"].to_dicts()]
+    draws = tables["draws"] if tables["spot_draws"].is_empty() else tables["spot_draws"]
+    drawn = [space.thetas(np.array([each[n] for n in space.names])) for each in draws.to_dicts()]
     errors, exact = tables["model_errors"], Spots(LayeredSettings())
     best, shares = space.thetas(np.array([values[name] for name in space.names])), []
     for spot in NEW:
@@ -145,9 +146,9 @@ def another_law(true: str, fitted: str, seed: int) -> World:
         spot: measured_at(tissue, row, rng, spot=spot, shared=np.random.default_rng(1000 + seed), true=Spots)
         for spot in spots
     }
-    case = stage_of(study, measured).run()[0]
+    case, *others = stage_of(study, measured).run()
     certainty = Assessment(study=study, measured=measured, meshes=dict.fromkeys(spots, MESHES))
-    assessed = certainty.assess(case, *certainty.columns(case))
+    assessed = certainty.assess(case, *certainty.columns(case), cases=others)
     table = held_out(assessed)
     return World(
         visible=in_deviations(assessed.linear, misfit(tissue, study, row, measured)),
@@ -271,9 +272,9 @@ def tied_law(seed: int) -> dict[float, tuple[Adequacy, bool, float, float]]:
         study = of_law(Yeoh(), {}, TIES, solver)
         stated = {"parameters": {f"tissue.{name}": sd for name in TIES}, "friction": 0.1}
         study = replace(study, budget=study.budget.model_copy(update=stated))
-        case = stage_of(study, measured).run()[0]
+        case, *others = stage_of(study, measured).run()
         certainty = Assessment(study=study, measured=measured, meshes={"p1": MESHES})
-        assessed = certainty.assess(case, *certainty.columns(case))
+        assessed = certainty.assess(case, *certainty.columns(case), cases=others)
         box = assessed.end.problem.box
         ends = [box.lower + x * (box.upper - box.lower) for x in assessed.density.interval(assessed.point)]
         (low,), (high,), (value,) = *ends, assessed.values
