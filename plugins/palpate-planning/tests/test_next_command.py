@@ -163,12 +163,12 @@ def test_a_ranking_is_shown_in_percent_with_units():
             "peak_force": [12.3456, 14.0],
         }
     )
-    shown = shown_ranking(ranking, {"force": "N"})
-    assert shown.columns == ["press", "spot", "protocol", "error", "c1", "c2", "force N"]
+    shown = shown_ranking(ranking, {"force": "force (N)"})
+    assert shown.columns == ["press", "spot", "protocol", "error", "c1", "c2", "force (N)"]
     assert shown.row(0)[3:] == ("80 %", "80 %", "98 %", "12.3")
     assert not_narrowed(ranking) == ["skin.c2"]
     two = ranking.rename({"width_skin.c2": "width_fat.c1"})
-    assert {"skin.c1", "fat.c1"} < set(shown_ranking(two, {}).columns)
+    assert {"skin.c1", "fat.c1"} < set(shown_ranking(two, {"force": "force (N)"}).columns)
 
 
 def test_intervals_are_shown_with_their_own_digits():

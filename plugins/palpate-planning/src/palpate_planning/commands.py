@@ -207,9 +207,9 @@ def _show_ranking(session: Session, title: str, ranking: "pl.DataFrame", again: 
     from palpate_planning.candidates import PRESSURE
     from palpate_planning.tables import shown_ranking
 
-    units = {name: channel.units[1] for name, channel in session.plugins.channels.items()}
+    labels = {name: channel.ordinate_label for name, channel in session.plugins.channels.items()}
     # Candidates that are printed for each step.
-    shown = shown_ranking(ranking, {**units, PRESSURE: "MPa"}).head(8)
+    shown = shown_ranking(ranking, {**labels, PRESSURE: "pressure (MPa)"}).head(8)
     mark = pl.when(pl.col("press").is_in(again)).then(pl.lit(" (repeat)")).otherwise(pl.lit(""))
     session.frame(title, shown.with_columns(pl.col("protocol") + mark))
     if (first := ranking.row(0, named=True))["press"] in again:

@@ -161,15 +161,15 @@ def shown_realised(found: pl.DataFrame) -> pl.DataFrame:
     return found.with_columns(pl.col("parameter").replace_strict(brief), *halves)
 
 
-def shown_ranking(ranking: pl.DataFrame, units: Mapping[str, str]) -> pl.DataFrame:
-    """Ranking of one step as text: error and widths in percent, peaks with ``units`` of their channels."""
+def shown_ranking(ranking: pl.DataFrame, labels: Mapping[str, str]) -> pl.DataFrame:
+    """Ranking of one step as text: error and widths in percent, peaks with ``labels`` of their channels."""
     brief = brief_names(name.removeprefix(WIDTH) for name in ranking.columns if name.startswith(WIDTH))
     shown = [pl.col("press"), pl.col("spot"), pl.col("protocol")]
     shown.append(_text("error", _percent))
     shown += [_text(f"{WIDTH}{name}", _percent).alias(short) for name, short in brief.items()]
     for name in (name for name in ranking.columns if name.startswith(PEAK)):
         channel = name.removeprefix(PEAK)
-        shown.append(_text(name, "{:.3g}".format).alias(f"{channel} {units.get(channel, '')}".rstrip()))
+        shown.append(_text(name, "{:.3g}".format).alias(labels[channel]))
     return ranking.select(shown)
 
 
