@@ -303,6 +303,6 @@ def test_a_refused_run_has_no_card_unless_it_is_asked_for(call, without_sweep):
     message = " ".join(refused.err.split())
     assert "No parameters can be read from this run" in message
     assert "--anyway" in message
-    written = call("card", *run, "--anyway")
+    written = call("card", *run, "--anyway", "--for", "json")
     assert written.code == 0, written.err
     assert json.loads(written.out)["rubber"]["verdict"].startswith("WARNING: No parameters can be read")

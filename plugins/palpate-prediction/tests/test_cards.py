@@ -238,7 +238,12 @@ def test_json_has_every_material_and_others_are_refused_with_the_reason():
     )
     found = json.loads(PROGRAMS["json"](given))
     assert found["parameters"]["kappa"]["value"] == theta[-1]
-    assert found["initial_shear_modulus_MPa"] == pytest.approx(mechanics.initial_moduli(material, theta)[0])
+    shear_MPa = mechanics.initial_moduli(material, theta)[0]
+    assert found["initial_shear_modulus_MPa"] == pytest.approx(shear_MPa)
+    lines = PROGRAMS["text"](given).splitlines()
+    assert f"fixed: kappa = {theta[-1]:.6g} MPa" in lines
+    assert any(line.startswith(f"initial moduli: shear {shear_MPa:.4g} MPa") for line in lines)
+    assert not any("density" in line for line in lines)
     for program in READERS:
         with pytest.raises(MaterialError, match=f"'demiray' cannot be written for {program}: its class decl"):
             PROGRAMS[program](given)

@@ -167,9 +167,8 @@ def shown_ranking(ranking: pl.DataFrame, labels: Mapping[str, str]) -> pl.DataFr
     shown = [pl.col("press"), pl.col("spot"), pl.col("protocol")]
     shown.append(_text("error", _percent))
     shown += [_text(f"{WIDTH}{name}", _percent).alias(short) for name, short in brief.items()]
-    for name in (name for name in ranking.columns if name.startswith(PEAK)):
-        channel = name.removeprefix(PEAK)
-        shown.append(_text(name, "{:.3g}".format).alias(labels[channel]))
+    peaks = {name: labels[name.removeprefix(PEAK)] for name in ranking.columns if name.startswith(PEAK)}
+    shown += [_text(name, "{:.3g}".format).alias(label) for name, label in peaks.items()]
     return ranking.select(shown)
 
 

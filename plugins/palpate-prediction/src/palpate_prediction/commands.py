@@ -86,9 +86,13 @@ def card(
     program: Annotated[
         str,
         typer.Option(
-            "--for", metavar="PROGRAM", help="febio, abaqus, ansys or json.", autocompletion=_programs
+            "--for",
+            metavar="PROGRAM",
+            help="febio, abaqus, ansys, json or text; default: text to read, json into a file or by --json.",
+            autocompletion=_programs,
+            show_default=False,
         ),
-    ] = "json",
+    ] = "",
     region: Annotated[
         str | None, typer.Option("--region", help="One region of several.", show_default=False)
     ] = None,
@@ -101,10 +105,11 @@ def card(
     trust_plugins: TrustPlugins = False,
     as_json: AsJson = False,
 ) -> None:
-    """Write the fitted material for another program: values, formula of the stress, moduli, valid range."""
+    """Print the fitted material, or write it for a program: values, formula, moduli, valid range."""
     from palpate.api.runs import RunDirectory, read_run
     from palpate_prediction.cards.programs import PROGRAMS, cards_of, joined
 
+    program = program or ("json" if into or as_json else "text")
     if program not in PROGRAMS:
         raise StudyError(f"--for {program}: no such program; choose one of {', '.join(PROGRAMS)}")
     folder = find_run(run)

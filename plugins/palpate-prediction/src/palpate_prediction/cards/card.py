@@ -113,18 +113,18 @@ def ranges_of(strains: Sequence[Mapping[str, Any]]) -> dict[str, float]:
 
 
 def head(data: CardData, form: EnergyForm | None = None) -> Iterator[str]:
-    """Lines that introduce a card: verdict, units, values with intervals, moduli and range."""
+    """Lines on a material: verdict, units, values with intervals, range; of a ``form`` moduli and density."""
     yield f"palpate: {data.title}"
     yield data.verdict if data.model.failure else f"verdict: {data.verdict}"
-    yield "units: mm, N, MPa, tonne, s"
+    yield "units: mm, N, MPa" + (", tonne, s" if form else "")
     for parameter, value in zip(data.material.parameters, data.theta.tolist(), strict=True):
         ends = data.intervals.get(parameter.name)
         shown = with_unit(rounded(value, *ends) if ends else f"{value:.6g}", parameter.unit)
         about = [_interval(data, parameter), data.verdicts.get(parameter.name, "")]
         known = f" ({'; '.join(each for each in about if each)})" if any(about) else ""
         yield f"{data.origins[parameter.name]}: {parameter.name} = {shown}{known}"
-    yield f"not fitted: density {DENSITY_T_PER_MM3:g} t/mm3, as of water"
     if form is not None:
+        yield f"not fitted: density {DENSITY_T_PER_MM3:g} t/mm3, as of water"
         yield (
             f"initial moduli: shear {form.shear_MPa:.6g} MPa, bulk {form.bulk_MPa:.6g} MPa, "
             f"Poisson's ratio {form.poisson:.6g}"

@@ -272,6 +272,15 @@ def as_json(data: CardData) -> str:
     return json.dumps(content, indent=2, ensure_ascii=False, allow_nan=False) + "\n"
 
 
+def as_text(data: CardData) -> str:
+    """What a person reads; every material has this card."""
+    content = json.loads(as_json(data))
+    moduli = (
+        "initial moduli: shear {initial_shear_modulus_MPa:.4g} MPa, bulk {initial_bulk_modulus_MPa:.4g} MPa"
+    )
+    return "\n".join([*head(data), moduli.format_map(content), f"energy: {content['energy']}", ""])
+
+
 def joined(program: str, cards: Mapping[str, str]) -> str:
     """Cards by region as the text of one file; those in JSON become one object by region."""
     if program != "json":
@@ -281,7 +290,7 @@ def joined(program: str, cards: Mapping[str, str]) -> str:
 
 
 PROGRAMS: Mapping[str, Callable[[CardData], str]] = MappingProxyType(
-    {"febio": febio, "abaqus": abaqus, "ansys": ansys, "json": as_json}
+    {"febio": febio, "abaqus": abaqus, "ansys": ansys, "json": as_json, "text": as_text}
 )
 """Writers of cards by program."""
 
