@@ -244,7 +244,7 @@ def test_a_fit_without_a_sweep_has_a_page_without_its_sections(page):
     ids = {a.get("id") for _, a, _ in made.elements}
     assert not ids & {"section-distribution", "section-generalisation", "pick"}
     assert {"section-fit", "section-space", "pairs", "section-curves"} <= ids
-    assert "2 spots without a sweep" in made.text()
+    assert "2 spots, no sweep" in made.text()
     assert "One material for all 2 spots" in made.text()
 
 
