@@ -18,7 +18,7 @@ ROOT = Path(__file__).parents[2]
 LONGEST_FILE = 500
 LONGEST_FUNCTION = 45
 MOST = {
-    "lines": 77_384,
+    "lines": 77_392,
     "lines of the core": 33_386,
     "classes": 657,
     "constants": 692,

@@ -170,7 +170,7 @@ BAD = {
     ),
     "no fixed": (
         {"point_data": {"contact": np.ones(5)}},
-        r"no point data, point set or group of elements 'fixed' \(there: contact, region 7\); add it to the file",
+        r"no point data, point set or group of elements 'fixed' \(there: contact, region 7\); add it to ",
     ),
     "nan in a node set": (
         {"point_data": {"fixed": np.array([1, 0, np.nan, 0, 0]), "contact": np.ones(5)}},

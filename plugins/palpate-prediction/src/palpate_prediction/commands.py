@@ -86,11 +86,7 @@ def card(
     program: Annotated[
         str,
         typer.Option(
-            "--for",
-            metavar="PROGRAM",
-            help="febio, abaqus, ansys, json or text; default: text to read, json into a file or by --json.",
-            autocompletion=_programs,
-            show_default=False,
+            "--for", metavar="PROGRAM", help="febio, abaqus, ansys or json.", autocompletion=_programs
         ),
     ] = "",
     region: Annotated[
@@ -109,8 +105,7 @@ def card(
     from palpate.api.runs import RunDirectory, read_run
     from palpate_prediction.cards.programs import PROGRAMS, cards_of, joined
 
-    program = program or ("json" if into or as_json else "text")
-    if program not in PROGRAMS:
+    if (program := program or ("json" if into or as_json else "text")) not in PROGRAMS:
         raise StudyError(f"--for {program}: no such program; choose one of {', '.join(PROGRAMS)}")
     folder = find_run(run)
     session, study = study_of_run(Session.of(context), folder, trust=trust_plugins)

@@ -273,7 +273,7 @@ def as_json(data: CardData) -> str:
 
 
 def as_text(data: CardData) -> str:
-    """What a person reads; every material has this card."""
+    """Text for a person; every material has this card."""
     content = json.loads(as_json(data))
     moduli = (
         "initial moduli: shear {initial_shear_modulus_MPa:.4g} MPa, bulk {initial_bulk_modulus_MPa:.4g} MPa"
