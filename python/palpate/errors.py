@@ -7,10 +7,18 @@ A failed simulation is not an error but a row with a status
 (:class:`palpate.domain.Status`).
 """
 
+import shlex
+from pathlib import Path
+
 NUMPY_IN_ENERGY = (
     "JAX cannot differentiate an energy that calls numpy: take xp = stretches.__array_namespace__() and call "
     "xp.sum, xp.log … in place of np's, or jax.numpy in energy_from_F"
 )
+
+
+def typed(path: Path) -> str:
+    """Path as it is typed in a command of a message."""
+    return shlex.quote(path.as_posix())
 
 
 class PalpateError(Exception):

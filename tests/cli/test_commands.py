@@ -353,3 +353,20 @@ def test_next_commands_on_paths_with_blanks_can_be_pasted(call: Call) -> None:
         assert outcome.code == 0, outcome.err
         (words,) = re.findall(r"next: palpate (.*)", outcome.err)
         assert shlex.split(words)[-len(expected) :] == expected
+
+
+def test_commands_in_refusals_on_paths_with_blanks_can_be_pasted(call: Call) -> None:
+    call("init", "--study", "toy", "my arm")
+    call("init", "--study", "toy", "other arm")
+    study = ("my arm", "--out", "runs/my arm")
+    refusals = [call("score", *study).err, call("simulate", *study).err]
+    call("sample", *study)
+    text = Path("my arm/study.toml").read_text(encoding="utf-8")
+    refusals += [call("sample", "other arm", "--out", "runs/my arm").err, call("check", "runs/my arm").err]
+    Path("my arm/study.toml").write_text(text.replace("seed = 3", "seed = 4"), encoding="utf-8")
+    refusals.append(call("simulate", *study).err)
+    found = [re.findall(r"`palpate ([^`]*)`|: palpate (.*)", refusal) for refusal in refusals]
+    for refusal, commands in zip(refusals, found, strict=True):
+        assert commands, refusal
+        for words in map(shlex.split, map("".join, commands)):
+            assert not {"arm", "my", "other"} & {*words}, refusal

@@ -267,6 +267,24 @@ def test_every_command_of_a_message_is_one_that_palpate_understands() -> None:
     assert not refused, "\n".join(refused)
 
 
+def values_in_commands(source: str) -> Iterator[str]:
+    """Values, as their code, that an f-string puts into a command."""
+    for node in ast.walk(ast.parse(source)):
+        text = ""
+        for part in node.values if isinstance(node, ast.JoinedStr) else ():
+            if isinstance(part, ast.FormattedValue) and re.search(r"[`:] ?palpate [^`]*$", text):
+                yield ast.unparse(part.value)
+            text += str(part.value) if isinstance(part, ast.Constant) else "…"
+
+
+def test_a_path_in_a_command_of_a_message_can_be_pasted() -> None:
+    files = [file for of in ("python/palpate", "plugins/*/src") for file in ROOT.glob(f"{of}/**/*.py")]
+    found = [(file.name, value) for file in files for value in values_in_commands(file.read_text())]
+    assert sum(value.startswith("typed(") for _, value in found) > 10
+    path = re.compile(r"(?:.*\.)?(?:folder|file|path|run|now)(?:\.name)?")
+    assert [(name, value) for name, value in found if path.fullmatch(value)] == []
+
+
 def test_no_word_is_both_a_term_and_retired() -> None:
     assert {word for term in TERMS.values() for word in term.get("avoid", ())} & words() == set()
 

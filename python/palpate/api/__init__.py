@@ -87,6 +87,7 @@ if TYPE_CHECKING:
         ScoringError as ScoringError,
         SolverError as SolverError,
         StudyError as StudyError,
+        typed as typed,
     )
     from palpate.plugins.interfaces import (
         ExperimentLoader as ExperimentLoader,

@@ -13,8 +13,8 @@ from palpate.cli.options import AsJson
 from palpate.cli.progress import StageProgress
 from palpate.cli.results import data_notice
 from palpate.cli.runs import newest_run
-from palpate.cli.session import Session, typed
-from palpate.errors import StudyError
+from palpate.cli.session import Session
+from palpate.errors import StudyError, typed
 from palpate.progress import FIRST_LOOK
 
 if TYPE_CHECKING:

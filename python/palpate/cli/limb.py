@@ -9,8 +9,8 @@ import typer
 from palpate.cli.experiment import StageGroup, stage_group
 from palpate.cli.options import AsJson, StudyPath
 from palpate.cli.progress import StageProgress
-from palpate.cli.session import Session, typed
-from palpate.errors import MeshError, StudyError
+from palpate.cli.session import Session
+from palpate.errors import MeshError, StudyError, typed
 
 if TYPE_CHECKING:
     from palpate.domain import Limb

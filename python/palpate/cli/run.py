@@ -21,8 +21,8 @@ from palpate.cli.options import (
 from palpate.cli.progress import StageProgress
 from palpate.cli.results import run_values, show_summary
 from palpate.cli.runs import original_study
-from palpate.cli.session import Session, run_folder, typed
-from palpate.errors import FirstAnswerError, StudyError
+from palpate.cli.session import Session, run_folder
+from palpate.errors import FirstAnswerError, StudyError, typed
 
 if TYPE_CHECKING:
     from palpate.run.manifest import Changed

@@ -5,7 +5,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from palpate.cli.session import Session
-from palpate.errors import StudyError
+from palpate.errors import StudyError, typed
 
 if TYPE_CHECKING:
     from palpate.study.reading import Study
@@ -92,12 +92,12 @@ def session_of_run(
         if not file.is_file():
             raise StudyError(
                 f"{file}: a plugin file of this run is not there any more; name it: "
-                f"palpate --plugin {file.name} {command} {run}"
+                f"palpate --plugin {typed(Path(file.name))} {command} {typed(run)}"
             )
     if others and not trust:
         lines = [f"{run} names plugin files, which are programs:", *(f"  {file}" for file in others)]
-        options = " ".join(f"--plugin {file}" for file in others)
-        remedy = f"look at them; then use --trust-plugins, or name them: palpate {options} {command} {run}"
+        call = " ".join([*(f"--plugin {typed(file)}" for file in others), command, typed(run)])
+        remedy = f"look at them; then use --trust-plugins, or name them: palpate {call}"
         session.confirm("\n".join(lines), "execute them?", remedy)
     return Session((*session.files, *others), session.without, session.make_app, session.given)
 
@@ -144,7 +144,7 @@ def original_study(
     if not file.is_file():
         raise StudyError(
             f"{file}: the study file of this run is not there any more; put it back, with its meshes, or "
-            f"name it once: palpate run {run} --study FILE"
+            f"name it once: palpate run {typed(run)} --study FILE"
         )
     named += [] if moved else study_plugins(file)
     return session_of_run(session, run, named, trust=trust, command=command), file.resolve()

@@ -1,7 +1,6 @@
 """State of one call of the command line: its plugins, and where it writes."""
 
 import re
-import shlex
 import sys
 import textwrap
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
@@ -12,7 +11,7 @@ from typing import TYPE_CHECKING, Any, cast
 
 import typer
 
-from palpate.errors import PluginError, StudyError
+from palpate.errors import PluginError, StudyError, typed
 
 if TYPE_CHECKING:
     import polars as pl
@@ -251,11 +250,6 @@ def _refuse_run(path: Path) -> None:
             f"{path}: a run directory, not a study; `palpate run {typed(path)}` continues it, "
             f"`palpate report {typed(path)}` shows it"
         )
-
-
-def typed(path: Path) -> str:
-    """Path as it is typed in a command."""
-    return shlex.quote(path.as_posix())
 
 
 def run_folder(study: "Study", out: Path | None) -> Path:

@@ -9,7 +9,7 @@ import typer
 from palpate.cli.options import AsJson, RunPath
 from palpate.cli.runs import find_run
 from palpate.cli.session import Session
-from palpate.errors import StudyError
+from palpate.errors import StudyError, typed
 from palpate.progress import about
 
 if TYPE_CHECKING:
@@ -49,7 +49,7 @@ def _show_cost(session: Session, seen: "RunStatus") -> None:
     if seen.cost.is_empty():
         raise StudyError(
             f"{seen.folder}: no processor time is recorded. An earlier palpate has made the run. "
-            f"Run `palpate run {seen.folder}` again."
+            f"Run `palpate run {typed(seen.folder)}` again."
         )
     session.table("Processor time", COST_HEADS, cost_rows(seen.cost))
 

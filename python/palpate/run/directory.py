@@ -32,7 +32,7 @@ import numpy as np
 import polars as pl
 
 from palpate.domain import Channel, Design, Parameter, Relaxation, Response
-from palpate.errors import StudyError
+from palpate.errors import StudyError, typed
 from palpate.executors.answers import plain
 from palpate.run.atomic_files import write_atomically
 from palpate.run.fit_state import remove_fit_state
@@ -187,7 +187,7 @@ class RunDirectory:
         except (OSError, ValueError, RecursionError) as error:
             raise StudyError(
                 f"{path}: damaged ({error}); restore a copy, or delete it: "
-                f"`palpate run STUDY --out {self.folder}` writes it again and keeps the simulations"
+                f"`palpate run STUDY --out {typed(self.folder)}` writes it again and keeps the simulations"
             ) from error
 
     # ------------------------------------------------------------------ the stages
@@ -223,7 +223,9 @@ class RunDirectory:
         found = {}
         for spot in spots:
             curves, record = (
-                self.records.read("experiment", self._measured(spot), _response),
+                self.records.read(
+                    "experiment", self._measured(spot), lambda content: response_of(_parquet(content))
+                ),
                 self._recorded(spot),
             )
             relaxations = [Relaxation(**item) for item in record.pop(RELAXATIONS, [])]
@@ -261,7 +263,7 @@ class RunDirectory:
         try:
             found: dict[str, Any] = json.loads(path.read_text(encoding="utf-8"))
         except (OSError, ValueError) as error:
-            raise StudyError(f"{path}: {error}; run `palpate next {self.folder}` first") from None
+            raise StudyError(f"{path}: {error}; run `palpate next {typed(self.folder)}` first") from None
         return found
 
     def fit(self) -> FitResult:
@@ -338,10 +340,6 @@ def design_files(design: Design) -> Files:
         **({} if (first := design.earlier_first) is None else {"earlier_first": first.tolist()}),
     }
     return {"design": pl.DataFrame({"set_id": np.arange(design.n_sets), **columns}), "design.json": about}
-
-
-def _response(content: bytes) -> Response:
-    return response_of(_parquet(content))
 
 
 def _design(frame: pl.DataFrame, about: Mapping[str, Any]) -> Design:

@@ -23,7 +23,7 @@ from typing import Annotated
 
 from pydantic import Field, TypeAdapter
 
-from palpate.errors import LedgerError
+from palpate.errors import LedgerError, typed
 from palpate.run.atomic_files import write_whole
 
 try:
@@ -201,5 +201,5 @@ def _is_locked(folder: Path) -> bool:
 def _refusal(folder: Path, other: Runner | None) -> LedgerError:
     who = str(other) if other else "another process"
     return LedgerError(
-        f"{folder}: in use by {who}; wait for it, or watch it with `palpate status {folder} --watch`"
+        f"{folder}: in use by {who}; wait for it, or watch it with `palpate status {typed(folder)} --watch`"
     )

@@ -10,7 +10,7 @@ import json
 from collections.abc import Iterable, Iterator
 from pathlib import Path, PurePosixPath
 
-from palpate.errors import LedgerError, StudyError
+from palpate.errors import LedgerError, StudyError, typed
 from palpate.run.atomic_files import is_temporary, remove_temporary, write_atomically
 
 MARKER, LISTING = ".palpate-run", "files.json"
@@ -102,7 +102,7 @@ def refuse_other(folder: Path, before: Path, now: Path) -> None:
     if is_other:
         raise StudyError(
             f"{folder}: holds the run of {before.resolve()}, not of {now}; name another folder with --out, "
-            f"or continue that run with this study: palpate run {folder} --study {now}"
+            f"or continue that run with this study: palpate run {typed(folder)} --study {typed(now)}"
         )
 
 

@@ -18,7 +18,7 @@ from typing import Any, TypeVar
 import polars as pl
 
 from palpate.domain.component import Component
-from palpate.errors import StudyError
+from palpate.errors import StudyError, typed
 from palpate.executors.answers import plain
 from palpate.run.atomic_files import write_atomically
 from palpate.run.keys import identity
@@ -53,9 +53,9 @@ class StageRecords:
 
     def read(self, stage: str, path: Path, parse: Callable[[bytes], _T]) -> _T:
         """Read a file of a stage; a StudyError where it is missing, or not as the stage wrote it."""
-        again = f"run `palpate {stage}` again"
+        again, out = f"run `palpate {stage}` again", typed(self.folder)
         if not path.exists():
-            raise StudyError(f"{path}: not there yet; run `palpate {stage} STUDY --out {self.folder}` first")
+            raise StudyError(f"{path}: not there yet; run `palpate {stage} STUDY --out {out}` first")
         try:
             content = path.read_bytes()
             if self._files(stage).get(self._name(path)) != sha256(content):
@@ -68,14 +68,14 @@ class StageRecords:
 
     def refuse_missing(self, stage: str, table: str, command: str) -> None:
         """Raise a StudyError: a stage has no record of its table, which ``palpate COMMAND`` makes."""
-        folder = self.folder / table  # the folder of measured curves
+        folder, out = self.folder / table, typed(self.folder)  # the first is of measured curves
         file = self.folder / f"{table}.parquet"
         if file.exists() or folder.exists():
             raise StudyError(
                 f"{file if file.exists() else folder}: damaged or replaced, {self.path} has no record of it; "
                 f"run `palpate {stage}` again"
             )
-        raise StudyError(f"{folder}: not there yet; run `palpate {command} STUDY --out {self.folder}` first")
+        raise StudyError(f"{folder}: not there yet; run `palpate {command} STUDY --out {out}` first")
 
     def check(self, stage: str, made_from: Mapping[str, str]) -> None:
         """Refuse the files of a stage that were made from something else; an empty value is not compared."""
@@ -85,7 +85,7 @@ class StageRecords:
         if other:
             raise StudyError(
                 f"{self.folder}: the results of `palpate {stage}` were made before a change of "
-                f"{', '.join(other)}; run `palpate run {self.folder}` again"
+                f"{', '.join(other)}; run `palpate run {typed(self.folder)}` again"
             )
 
     def is_current(self, stage: str) -> bool:

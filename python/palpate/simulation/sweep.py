@@ -15,7 +15,7 @@ from pathlib import Path
 from time import monotonic
 
 from palpate.domain import FINE, Job, Limb, Simulation, Status
-from palpate.errors import PluginError, StoppedError
+from palpate.errors import PluginError, StoppedError, typed
 from palpate.executors import Batch, Limits, Processes
 from palpate.executors.attempts import usable
 from palpate.plugins.execution import Executor
@@ -144,7 +144,7 @@ class Simulations:
         if by_key:
             raise StoppedError(
                 f"stopped with {len(self.known)} simulations finished and kept; "
-                f"`palpate run {self.folder}` continues the run"
+                f"`palpate run {typed(self.folder)}` continues the run"
             )
         return [of_job(self.known[key], job) for key, job in zip(keys, jobs, strict=True)]
 

@@ -11,7 +11,7 @@ from typing import Any
 import polars as pl
 
 from palpate.domain import Design, Limb, Response, Simulation, SimulationId
-from palpate.errors import PalpateError, StoppedError, StudyError
+from palpate.errors import PalpateError, StoppedError, StudyError, typed
 from palpate.executors.answers import plain
 from palpate.plugins.guard import answering_for
 from palpate.plugins.interfaces import Solver
@@ -55,7 +55,7 @@ def verify(
     for simulation in found:
         if not progress.should_continue():
             raise StoppedError(
-                f"stopped while verifying the selected sets; `palpate run {run.folder}` continues"
+                f"stopped while verifying the selected sets; `palpate run {typed(run.folder)}` continues"
             )
         key = _key(study, simulation, limb := limbs.get(simulation.job.limb_name))
         row = known.get(key) or _row(study.solver, simulation, limb, key)

@@ -9,7 +9,7 @@ import polars as pl
 from palpate.answer.table import OF_ANSWER
 from palpate.domain import FINE, Design, weighed_phases
 from palpate.domain.curves import abscissae_of
-from palpate.errors import FirstAnswerError, PalpateError, StoppedError, StudyError
+from palpate.errors import FirstAnswerError, PalpateError, StoppedError, StudyError, typed
 from palpate.experiment.measured import load_measured
 from palpate.fit.searches import BestSet
 from palpate.fit.stage import Case, FitStage
@@ -392,7 +392,7 @@ def show_first_answer(inputs: Run, case: Case) -> None:
                 inputs.progress.note(f"warning: no first answer by `palpate {stage.name}`: {error}")
     if inputs.is_quick:
         raise FirstAnswerError(
-            f"stopped after the first answer; `palpate run {inputs.directory.folder}` goes on"
+            f"stopped after the first answer; `palpate run {typed(inputs.directory.folder)}` goes on"
         )
 
 

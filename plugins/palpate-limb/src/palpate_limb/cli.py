@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from palpate.api import MeshError
+from palpate.api import MeshError, typed
 from palpate.api.cli import AsJson, Session, StageProgress
 
 if TYPE_CHECKING:
@@ -99,7 +99,7 @@ def inspect(
 
     session = Session.of(context)
     if file.suffix.lower() in SCAN_SUFFIXES:
-        raise MeshError(f"{file}: a surface and no mesh; mesh it with `palpate limb {file}`")
+        raise MeshError(f"{file}: a surface and no mesh; mesh it with `palpate limb {typed(file)}`")
     found = look_into_mesh(file, session)
     picture = file.with_suffix(".png")
     try:

@@ -1,13 +1,12 @@
 """Advice on what to do next, in one line: by the largest cause of the widest interval."""
 
-import shlex
 import tomllib
 from collections.abc import Mapping, Sequence
 from importlib.resources import files
 from pathlib import Path
 from types import MappingProxyType
 
-from palpate.api import Indentation
+from palpate.api import Indentation, typed as typed_path
 from palpate.api.fit import THRESHOLDS, Adequacy
 from palpate.api.mesh import EDGE_OVER_REACH
 from palpate_report.answer.failed_checks import failed_checks
@@ -82,7 +81,7 @@ def typed(advice: str, data: ReportData) -> str:
     inside = {
         key: path.relative_to(here) if path.is_relative_to(here) else path for key, path in paths.items()
     }
-    commands = {key: shlex.quote(path.as_posix()) for key, path in inside.items()}
+    commands = {key: typed_path(path) for key, path in inside.items()}
     return advice.format(file=file.name, **commands)
 
 
