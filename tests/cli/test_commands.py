@@ -370,3 +370,16 @@ def test_commands_in_refusals_on_paths_with_blanks_can_be_pasted(call: Call) -> 
         assert commands, refusal
         for words in map(shlex.split, map("".join, commands)):
             assert not {"arm", "my", "other"} & {*words}, refusal
+
+
+def test_no_page_shows_other_curves_than_those_of_the_run(call: Call) -> None:
+    call("init", "--study", "toy", "arm")
+    assert call("experiment", "arm", "--out", "run").code == 0
+    page = Path("run/measured/curves.html")
+    page.write_text("curves", encoding="utf-8")
+    assert call("experiment", "arm", "--out", "run").code == 0
+    assert page.is_file()
+    curve = Path("arm/s1.txt")
+    curve.write_text(curve.read_text(encoding="utf-8").replace("1.1 0.21", "1.1 0.22"), encoding="utf-8")
+    assert call("experiment", "arm", "--out", "run").code == 0
+    assert not page.exists()

@@ -206,7 +206,10 @@ class RunDirectory:
                     data = parquet(content) if isinstance(content, pl.DataFrame) else _json(content)
                     write_atomically(path, data)
             written.append(path)
+        before = self.records.fingerprint(stage)
         self.records.write(stage, written, made_from)
+        if stage == "experiment" and self.records.fingerprint(stage) != before:
+            self.curves_page.unlink(missing_ok=True)  # it shows other curves
 
     def table(self, name: str, stage: str = "") -> pl.DataFrame:
         """Table of any stage; empty where there is none, unless ``stage`` names one that must have made it.
