@@ -113,6 +113,12 @@ def test_a_log_without_its_time_is_refused_by_name(page):
         page({"p1": {"one.csv": press(1.0)}}, over_time={"force_N": [1.0, 2.0]})
 
 
+def test_text_in_a_log_is_refused_by_row_and_column(page):
+    over_time = {"time_s": [0.0, 1.0], "force_N": ["1.0", "high"]}
+    with pytest.raises(PluginError, match=r"over_time\.csv: row 2, column 'force_N': 'high' is not a number"):
+        page({"p1": {"one.csv": press(1.0)}}, over_time=over_time)
+
+
 @pytest.mark.slow
 def test_names_are_shown_as_they_are_and_a_single_press_without_its_file(page):
     text = page({ATTACK: {"one.csv": press(1.0)}}, notice=ATTACK).read_text()

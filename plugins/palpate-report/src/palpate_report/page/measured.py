@@ -69,7 +69,7 @@ def _logged(spot: str, pictures: Path, channels: Mapping[str, Channel]) -> Itera
     labels = {c.abscissa: c.abscissa_label for c in channels.values()}
     labels |= {c.ordinate: c.ordinate_label for c in channels.values()}
     for file in sorted(pictures.rglob("over_time.csv")):
-        frame = pl.read_csv(file, infer_schema_length=None).cast(pl.Float64)
+        frame = _numbers(file)
         if TIME not in frame.columns:
             raise PluginError(f"{file}: no column '{TIME}'; the loader that draws gives it, in seconds")
         frame = frame.filter(pl.col(TIME).is_finite())
@@ -82,6 +82,23 @@ def _logged(spot: str, pictures: Path, channels: Mapping[str, Channel]) -> Itera
         # Other curves over time begin at first contact, so that they share no axis with the log.
         press = file.parent.relative_to(pictures).as_posix()
         yield "time of the log (s)", Line(spot=spot, press=press, curves=curves)
+
+
+def _numbers(file: Path) -> pl.DataFrame:
+    """Table of numbers; a PluginError with row and column of the first cell that is none."""
+    try:
+        text = pl.read_csv(file, infer_schema=False)
+    except pl.exceptions.PolarsError as error:
+        why = str(error).partition("\n")[0]
+        raise PluginError(f"{file}: no table ({why}); the loader that draws gives one") from None
+    frame = text.select(pl.all().str.strip_chars().cast(pl.Float64, strict=False))
+    for name in text.columns:
+        for row in (frame[name].is_null() & text[name].is_not_null()).arg_true().to_list():
+            raise PluginError(
+                f"{file}: row {row + 1}, column '{name}': '{text[name][row]}' is not a number; the loader "
+                "that draws gives numbers"
+            )
+    return frame
 
 
 def _read(
