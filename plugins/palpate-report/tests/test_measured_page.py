@@ -8,6 +8,7 @@ import polars as pl
 import pytest
 
 from palpate.api import FORCE, TORQUE, Channel, Curve, PluginError, Response
+from palpate.api.report import Table
 from palpate_report.page.measured import write_measured_page
 
 from .chromium import COMMAND, Chromium
@@ -117,6 +118,12 @@ def test_text_in_a_log_is_refused_by_row_and_column(page):
     over_time = {"time_s": [0.0, 1.0], "force_N": ["1.0", "high"]}
     with pytest.raises(PluginError, match=r"over_time\.csv: row 2, column 'force_N': 'high' is not a number"):
         page({"p1": {"one.csv": press(1.0)}}, over_time=over_time)
+
+
+def test_columns_of_texts_are_numbers_where_the_table_states_it():
+    table = Table("Values", ["name", "value", "unit"], [["c1", "1.20", "kPa"]], numeric=frozenset({1}))
+    assert table.is_number == (False, True, False)
+    assert Table("Names", ["spot", "number"], [["p1", "12"]]).is_number == (False, False)
 
 
 @pytest.mark.slow

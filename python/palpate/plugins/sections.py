@@ -5,7 +5,6 @@ It has no markup and no script, so that the page runs nothing but its own and lo
 """
 
 import math
-import re
 import sys
 from abc import abstractmethod
 from collections.abc import Iterable, Mapping, Sequence
@@ -67,29 +66,33 @@ class Table:
     ----------
     strong : collection of int
         Numbers of the rows that are set off.
+    numeric : collection of int
+        Numbers of the columns whose texts are numbers; a column of mostly numbers needs none.
     """
 
     caption: str
     columns: Sequence[str]
     rows: Sequence[Sequence[Cell]]
     strong: frozenset[int] = frozenset()
+    numeric: frozenset[int] = frozenset()
 
     @classmethod
     def of(cls, caption: str, frame: "pl.DataFrame") -> "Table":
         """Show a data frame; its columns are named for people: ``nmse_force`` is NMSE force."""
-        return cls(caption, [heading(column) for column in frame.columns], rounded_rows(frame))
+        numeric = frozenset(k for k, dtype in enumerate(frame.dtypes) if dtype.is_numeric())
+        heads = [heading(column) for column in frame.columns]
+        return cls(caption, heads, rounded_rows(frame), numeric=numeric)
 
     @property
     def is_number(self) -> tuple[bool, ...]:
         """Whether most of the cells of each column that hold something are numbers."""
         columns = ([row[k] for row in self.rows if row[k] is not None] for k in range(len(self.columns)))
-        return tuple(2 * sum(map(_is_number, cells)) > len(cells) for cells in columns)
+        are_mostly = (2 * sum(map(_is_number, cells)) > len(cells) for cells in columns)
+        return tuple(k in self.numeric or mostly for k, mostly in enumerate(are_mostly))
 
 
 def _is_number(cell: Cell) -> bool:
     first = cell.values[0] if isinstance(cell, Lines) and cell.values else cell
-    if isinstance(first, str):  # as rounded_rows writes numbers
-        return re.fullmatch(r"-?\d+(\.\d+)?(e[-+]\d+)?", first) is not None
     return isinstance(first, (int, float)) and not isinstance(first, bool)
 
 

@@ -107,7 +107,7 @@ def summary_table(frame: pl.DataFrame) -> Table:
         name = f"{row['quantity']} ({row['unit']})"
         rows.append([row["spot"], name, value, *(each.interval or None for each in values)])
     caption = "Under the tool, at its largest force"
-    return Table(caption, ["spot", "quantity", "value", *bands.values()], rows)
+    return Table(caption, ["spot", "quantity", "value", *bands.values()], rows, numeric=frozenset({2}))
 
 
 def _strains(frame: pl.DataFrame) -> Iterator[Table]:
@@ -125,7 +125,8 @@ def _strains(frame: pl.DataFrame) -> Iterator[Table]:
     ]
     if rows:
         columns = ("spot", "region", "strain", "experiment", "prediction", "beyond the experiment")
-        yield Table("Strains of the experiment and of the prediction", columns, rows)
+        caption = "Strains of the experiment and of the prediction"
+        yield Table(caption, columns, rows, numeric=frozenset({3, 4}))
 
 
 def write_surface(path: Path, states: SurfaceStates, state: int) -> None:

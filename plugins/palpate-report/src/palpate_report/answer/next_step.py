@@ -107,13 +107,12 @@ def _narrower(data: ReportData, worst: Headline) -> str:
     if cause in ("range", "priors"):
         why = "is known by its prior alone" if cause == "priors" else "hardly changes the curves"
         return f"{worst.parameter} {why}: {_more(data, worst)}"
-    remedy = REMEDIES.get(cause, "measure it elsewhere, and state its error in `[budget.parameters]`")
-    if cause == "model":
+    otherwise = "measure it elsewhere, and state its error in `[budget.parameters]`"
+    remedy = typed(REMEDIES.get(cause, otherwise), data)
+    if cause == "model" or (cause == "mesh" and _is_scatter(data)):
         remedy = _more(data, worst)
     elif cause == "mesh":
-        remedy = _more(data, worst) if _is_scatter(data) else _finer(data)
-    if "in `[fit]`" in remedy:
-        remedy = f"{remedy}, {_again(data)}"
+        remedy = _finer(data)
     of = f"{CAUSES.get(cause, cause)}{_basis(data, cause)}"
     return f"{worst.parameter} is limited by {of}: {share} of its variance; {remedy}"
 
@@ -157,7 +156,7 @@ def _finer(data: ReportData) -> str:
     study = data.study
     by_itself = all(spot.fine_edge_mm is None for spot in study.spots)
     if data.fit.mesh.height and by_itself and not _is_scatter(data):
-        return f"raise `fine_nodes` ({study.fine_nodes:,}) in `[fit]`"
+        return f"raise `fine_nodes` ({study.fine_nodes:,}) in `[fit]`, {_again(data)}"
     if any(spot.fine_mesh for spot in study.spots) or not isinstance(study.protocol, Indentation):
         return "give finer meshes as `fine_mesh` of the spots"
     edges = [spot.fine_edge_mm for spot in study.spots]
@@ -165,4 +164,4 @@ def _finer(data: ReportData) -> str:
     # None: refined as usual; 0: not refined. Each mesh has 0.7 times the edge of the last one.
     edge = 0.7 * min(each or usual_mm for each in edges) if any(each != 0.0 for each in edges) else usual_mm
     runs = "" if study.fine_runs else "`fine_runs = 1` and "
-    return f'set {runs}`fine_edge = "{edge:.2g} mm"` in `[fit]`'
+    return f'set {runs}`fine_edge = "{edge:.2g} mm"` in `[fit]`, {_again(data)}'

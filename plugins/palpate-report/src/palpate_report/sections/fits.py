@@ -183,7 +183,8 @@ class MaterialItself(Section):
         heads = ["region", "stress", "at", f"value ({data.modulus_unit})", "lower", "upper"]
         if len({region for region, *_ in rows}) == 1:
             heads, rows = heads[1:], [row[1:] for row in rows]
-        yield Table(f"Nominal stress of the fit to {data.together}", heads, rows)
+        numeric = frozenset(range(len(heads) - 3, len(heads)))
+        yield Table(f"Nominal stress of the fit to {data.together}", heads, rows, numeric=numeric)
 
     def result(self, data: ReportData, report: Report) -> str:
         """Names of the searched laws."""
@@ -223,6 +224,7 @@ def _by_spot(data: ReportData, bests: Sequence[Best]) -> Table:
         f"The fit to {bests[0].fitted_to} (scenario {bests[0].scenario}); below each value {below}",
         ["parameter", *(best.spot for best in bests), *(["true value"] if truth else [])],
         rows,
+        numeric=frozenset(range(1, 1 + len(bests) + bool(truth))),
     )
 
 
