@@ -10,7 +10,7 @@ from typer.core import TyperGroup
 from palpate.cli.options import AsJson, OutFolder, StudyOrRun, TrustPlugins, examples
 from palpate.cli.progress import StageProgress
 from palpate.cli.session import Session, opened
-from palpate.cli.stages import command_after
+from palpate.cli.stages import show_next
 
 if TYPE_CHECKING:
     from palpate.domain import Response
@@ -80,9 +80,7 @@ def experiment(
         session.note(f"pictures in {folder / 'measured' / 'plots'}")
         if directory.curves_page.is_file():
             session.say(f"Page  {directory.curves_page.resolve().as_uri()}")
-    run = read_run(checked, directory, session.plugins)
-    step, where = command_after(run, "experiment"), f"written to {folder}; "
-    session.next(f"{step} {{study}} --out {{out}}", where, study=study, out=folder)
+    show_next(session, read_run(checked, directory, session.plugins), "experiment", study)
 
 
 def show_cycles(session: Session, measured: "Mapping[str, Response]") -> None:
@@ -97,17 +95,14 @@ def show_cycles(session: Session, measured: "Mapping[str, Response]") -> None:
             for name in channels:
                 change = row.get("changes", {}).get(name, {})
                 cell.append(row.get("peaks", {}).get(name))
-                cell += (_percent(change.get(key)) for key in ("share", "since_first"))
+                shares = (change.get(key) for key in ("share", "since_first"))
+                cell += (None if share is None else f"{100.0 * share:+.1f} %" for share in shares)
             cells.append([*cell, row.get("work_Nmm")])
         peaks = (f"{name} ({session.plugins.channels[name].units[1]})" for name in channels)
         heads = [head for peak in peaks for head in (peak, "since before", "since first")]
         session.table(f"Cycles of {file}", ["cycle", "from (s)", "depth (mm)", *heads, "work (N·mm)"], cells)
         for row in (row for row in rows if row["problem"]):
             session.say(f"cycle {row['cycle']} cannot be processed: {row['problem']}")
-
-
-def _percent(value: float | None) -> str | None:
-    return None if value is None else f"{100.0 * value:+.1f} %"
 
 
 STAGE = "study"

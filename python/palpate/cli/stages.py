@@ -54,8 +54,7 @@ def stage_command(name: str, help_text: str) -> Callable[..., None]:
                 session.say(line)
             for title, frame in summary.tables.items():
                 session.frame(title, frame)
-            step, where = command_after(run, name), f"written to {folder}; "
-            session.next(f"{step} {{study}} --out {{out}}", where, study=study, out=folder)
+            show_next(session, run, name, study)
         if summary.missing:
             raise NothingSelectableError(summary.missing)
 
@@ -63,7 +62,13 @@ def stage_command(name: str, help_text: str) -> Callable[..., None]:
     return command
 
 
-def command_after(run: "Run", name: str) -> str:
+def show_next(session: Session, run: "Run", name: str, study: Path) -> None:
+    """Print where a stage has written its results, and the command to call next."""
+    folder, step = run.directory.folder, _command_after(run, name)
+    session.next(f"{step} {{study}} --out {{out}}", f"written to {folder}; ", study=study, out=folder)
+
+
+def _command_after(run: "Run", name: str) -> str:
     """Command to call next: what the first stage of every run that needs this one still lacks, or that stage.
 
     The report where none does; the whole run of a study without a sweep, whose next stages make nothing.
@@ -115,7 +120,7 @@ def simulate(
         session.json(counts)
         return
     session.table("Simulations", ["status", "number"], counts.most_common())
-    session.next("score {study} --out {out}", f"written to {folder}; ", study=study, out=folder)
+    show_next(session, run, "simulate", study)
 
 
 SAMPLE, *_AFTER_SIMULATE = (stage_command(name, text) for name, text in GENERATED.items())
