@@ -367,7 +367,7 @@ def _presses() -> Mapping[str, Callable[[], Layout]]:
     transform[:, :3, :3], transform[:, :3, 3], transform[:, 3, 3] = matrix, m, 1.0
     base_f, base_m = p.pose.apply(f), p.pose.apply(moment)
     w_first = q[:, [3, 0, 1, 2]]
-    digits = "{:.13g}"
+    digits = "{:.17g}"
 
     def named(
         names: str, *values: FloatArray, between: str = ",", head: Sequence[str] = (), **more: str
@@ -488,6 +488,9 @@ def _presses() -> Mapping[str, Callable[[], Layout]]:
         "machine that presses and turns": lambda: named(
             "Time (s),Crosshead (mm),Load (N),Rotation (deg),Torque (N·mm)",
             t, 203.0 - tip[:, 2:], -f[:, 2:], np.unwrap(zyx[:, :1], axis=0, period=360.0), 1e3 * moment[:, 2:]),
+        "OpenSim": lambda: named("\t".join(["time", *(f"force_{of}{axis}" for of in "vp" for axis in "xyz"), *(f"moment_{axis}" for axis in "xyz"), *(f"tool_{of}{axis}" for of in "tr" for axis in "xyz")]), t, f, 0.1 * m, moment, m, xyz, between="\t", head=["press", "version=1", "inDegrees=yes", "endheader"], ending="mot"),
+        "days of MATLAB": lambda: named("datenum,x_mm,y_mm,z_mm,qx,qy,qz,qw,fx_N,fy_N,fz_N,tx_Nm,ty_Nm,tz_Nm", 739000.5 + t / 86400.0, tip, q, f, moment),
+        "units in one word": lambda: named("t_ms,Disp_in,Load_cN,Angle_mrad,Torque_ozin", 1e3 * t, (203.0 - tip[:, 2:]) / 25.4, -100.0 * f[:, 2:], 1e3 * np.radians(np.unwrap(zyx[:, :1], axis=0, period=360.0)), moment[:, 2:] / 7.061551814226e-3),
         "machine with six axes": lambda: named(
             "Time (s);Z (mm);Angle (deg);Fx (N);Fy (N);Fz (N);Mx (Nmm);My (Nmm);Mz (Nmm)",
             t, tip[:, 2:], np.unwrap(zyx[:, :1], axis=0, period=360.0), f, 1e3 * moment, between=";"),

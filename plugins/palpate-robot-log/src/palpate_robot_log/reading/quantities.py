@@ -130,6 +130,8 @@ def _splits(words: tuple[str, ...]) -> Iterator[tuple[int, tuple[str, ...], str]
             yield rank, (*before, *after), word
         elif word in _TURNS:
             yield rank, (*before, *after, "euler"), _TURNS[word]
+        elif word[:-1] == "v" and word[-1] in _AXES and before[-1:] == ("force",):  # force_vx of OpenSim
+            yield rank, (*before, *after), word[-1]
         elif word[-1] in _AXES and word[:-1] in _SHORT:
             yield rank, (*before, word[:-1], *after), word[-1]
 
@@ -168,7 +170,8 @@ def possible(group: Group, *, is_turned: bool, t_is_moment: bool) -> Iterator[tu
     of_motion = words & WORDS["motion"] - (WORDS["measured"] if is_named else _ANY)
     if not is_named or group.is_indexed:
         of_motion |= words & WORDS["elsewhere"]
-    if of_motion or (group.is_indexed and WORDS["specimen"] & {*group.words[-1:]}):
+    is_place_of_force = group.words[-2:] == ("force", "p")  # the centre of pressure of OpenSim
+    if of_motion or is_place_of_force or (group.is_indexed and WORDS["specimen"] & {*group.words[-1:]}):
         return
     if n_columns == 16:
         yield from _of_transform(group)
@@ -287,7 +290,7 @@ def time_of(stream: Stream) -> Guess | None:
     step, length = float(np.median(np.diff(values))), float(np.ptp(values))
     usual = {
         unit: abs(np.log(factor * length / _USUAL_LENGTH_S))
-        for unit, factor in (("s", 1.0), ("ms", 1e-3), ("us", 1e-6), ("ns", 1e-9))
+        for unit, factor in (("s", 1.0), ("ms", 1e-3), ("us", 1e-6), ("ns", 1e-9), ("day", 86400.0))
         if factor * step <= _LONGEST_STEP_S
     }
     unit = min(usual, key=lambda unit: usual[unit], default="ns")
