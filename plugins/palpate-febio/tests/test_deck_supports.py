@@ -160,7 +160,32 @@ def test_nodes_of_a_rigid_body_without_elements_are_fixed_or_named(tmp_path, bod
     assert counts(limb) == ((30 if body == "other" else 45), 25)
     assert any("'glue' ties nodes to rigid body 'other'" in w for w in limb.warnings) == (body == "other")
     absent = load(deck_of(tmp_path, text, CUTS.replace("</Boundary>", glue.replace("base", "none")) + HELD))
-    assert any("'glue' without a node set is not understood and not used" in w for w in absent.warnings)
+    assert any(
+        "'glue' of '@surface:none', which is not there, is not understood" in w for w in absent.warnings
+    )
+
+
+def test_a_list_of_parts_is_a_set_of_nodes(tmp_path):
+    parts = '<PartList name="all">Part1, Part2</PartList></Mesh>'
+    held = ZERO.format("@part_list:all").replace("<x_dof>1", "<x_dof>0")
+    text = deck_of(tmp_path, PLAIN, f"<Boundary>{ZERO.format('bone')}{ZERO.format('cuts')}{held}</Boundary>")
+    text.write_text(text.read_text().replace("</Mesh>", parts))
+    limb = load(text)
+    assert counts(limb) == (45, 25)
+    assert "30 nodes are held in y and z alone by '@part_list:all'" in " ".join(limb.warnings)
+
+
+@pytest.mark.parametrize("how", ['<Mesh from="mesh.feb"/>', "<Include>mesh.feb</Include>"])
+def test_sections_in_files_of_the_folder_are_read(tmp_path, how):
+    start, end = PLAIN.index("<Mesh>"), PLAIN.index("</Mesh>") + len("</Mesh>")
+    (tmp_path / "deck.feb").write_text(PLAIN[:start] + how + PLAIN[end:])
+    with pytest.raises(MeshError, match=r"> names the file 'mesh.feb'; put it next to the deck"):
+        load(tmp_path / "deck.feb")
+    (tmp_path / "mesh.feb").write_text(f'<febio_spec version="4.0">{PLAIN[start:end]}</febio_spec>')
+    assert counts(load(tmp_path / "deck.feb")) == (45, 25)
+    (tmp_path / "mesh.feb").write_text(f'<febio_spec version="4.0">{how}</febio_spec>')
+    with pytest.raises(MeshError, match=r"mesh.feb: <\w+> names the file 'mesh.feb'"):
+        load(tmp_path / "deck.feb")
 
 
 def test_what_is_not_used_is_named(tmp_path):

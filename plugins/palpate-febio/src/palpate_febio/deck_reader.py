@@ -66,6 +66,10 @@ def read_deck(path: Path, leave_out: Sequence[str] = ()) -> Deck:
         The file is missing, too large, not XML, or has a document type, which could define entities; or the
         deck lacks something, or reaches for other files. It names the file and the line or the tag.
     """
+    return _Reader(path, _joined(path, _parsed(path)), leave_out).deck()
+
+
+def _parsed(path: Path) -> ET.Element:
     if not path.is_file():
         raise MeshError(f"{path}: no such file; check the path of the deck")
     if path.stat().st_size > LARGEST_FILE_BYTES:
@@ -76,7 +80,24 @@ def read_deck(path: Path, leave_out: Sequence[str] = ()) -> Deck:
         raise MeshError(f"{path}: it has a document type, which could define entities; remove it") from None
     except (ET.ParseError, ValueError, LookupError) as error:
         raise MeshError(f"{path}: not XML that can be read ({error}); write the deck again") from None
-    return _Reader(path, root, leave_out).deck()
+    return root
+
+
+def _joined(path: Path, root: ET.Element, by: tuple[Path, ...] = ()) -> ET.Element:
+    """Deck with the sections of the files of its folder that it includes, whole or by ``from``."""
+    for k, section in reversed(list(enumerate(root))):
+        is_whole = section.tag == "Include"
+        named = (section.text or "").strip() if is_whole else section.get("from")
+        if named is None:
+            continue
+        if not _inside(named):
+            raise _outside(path, section, named)
+        other = path.parent / named
+        if not other.is_file() or other in (*by, path):
+            raise MeshError(f"{path}: <{section.tag}> names the file '{named}'; put it next to the deck")
+        found = _joined(other, _parsed(other), (*by, path))
+        root[k : k + 1] = [of for of in found if is_whole or of.tag == section.tag]
+    return root
 
 
 class _Reader:
@@ -96,6 +117,7 @@ class _Reader:
         self.sets: dict[str, IntArray] = {}
         self.surfaces: dict[str, IntArray] = {}
         self.rigid: dict[str, IntArray] = {}
+        self.deformable: tuple[Part, ...] = ()
 
     def refused(self, what: str) -> MeshError:
         return MeshError(f"{self.path}: {what}")
@@ -107,7 +129,7 @@ class _Reader:
         if mesh is None:
             raise self.refused("no section Mesh; export the deck with its mesh")
         points = self.points(mesh)  # first: the others name nodes by their ids
-        parts = tuple(self.parts(mesh))
+        parts = self.deformable = tuple(self.parts(mesh))
         for e in mesh.findall("NodeSet"):
             self.sets[self.name(e)] = self.node_set(e)
         self.surfaces = {self.name(e): self.surface(e) for e in mesh.findall("Surface")}
@@ -148,6 +170,11 @@ class _Reader:
                     e for e in mesh.iterfind("Elements/elem") if self.integer(e, e.get("id")) in wanted
                 ]
                 return np.unique([n for e in elements for n in self.nodes(e, self.integers(e, e.text))])
+            case "@part_list" if mesh is not None:
+                of = next((e for e in mesh.findall("PartList") if e.get("name") == rest), None)
+                parts = {part.strip() for part in (of.text or "").split(",")} if of is not None else set()
+                cells = [part.cells.ravel() for part in self.deformable if part.name in parts]
+                return np.unique(np.concatenate(cells)) if cells else None
         return self.sets.get(name)
 
     def rigid_bodies(self, mesh: ET.Element) -> dict[str, IntArray]:
@@ -258,7 +285,9 @@ class _Reader:
             return np.array([self.number[n] for n in numbers], dtype=np.int64)
         except KeyError as missing:
             what = element.get("name") or f"{element.tag} {element.get('id')}"
-            raise self.refused(f"'{what}' names node {missing}, which is not there") from None
+            raise self.refused(
+                f"'{what}' names node {missing}, which is not there; write the deck again with all its nodes"
+            ) from None
 
     def integer(self, element: ET.Element, text: str | None) -> int:
         found = self.integers(element, text)
@@ -288,7 +317,7 @@ class _Reader:
 
 
 def refuse_reaching(path: Path, root: ET.Element) -> None:
-    """Refuse a deck that includes other files, or names any outside of its own folder.
+    """Refuse a deck that includes a file within a section, or names one outside of its own folder.
 
     Raises
     ------
@@ -296,15 +325,21 @@ def refuse_reaching(path: Path, root: ET.Element) -> None:
     """
     for element in root.iter():
         if element.tag.lower() == "include":
-            raise MeshError(f"{path}: <{element.tag}> takes in another file; save the deck as one file")
+            raise MeshError(
+                f"{path}: <{element.tag}> within a section takes in another file; save the deck as one file"
+            )
         # Attributes by which a deck names another file.
         for attribute in ("from", "file", "path"):
             named = element.get(attribute)
             if named is not None and not _inside(named):
-                raise MeshError(
-                    f"{path}: <{element.tag} {attribute}={named!r}> reaches outside the deck's folder; "
-                    "put the file next to the deck and name it alone"
-                )
+                raise _outside(path, element, named)
+
+
+def _outside(path: Path, element: ET.Element, named: str) -> MeshError:
+    return MeshError(
+        f"{path}: <{element.tag}> names {named!r}, which reaches outside the deck's folder; put the file "
+        "next to the deck and name it alone"
+    )
 
 
 def _inside(named: str) -> bool:

@@ -81,7 +81,9 @@ class DeckSupports:
             return
         axes, is_moved = _axes(condition, kind)
         if axes is None or nodes is None:
-            why = "without a node set" if nodes is None else f"of type '{kind}'"
+            name = _set_of(condition)
+            why = f"of type '{kind}'" if nodes is not None else "without a node set"
+            why = f"of '{name}', which is not there," if nodes is None and name else why
             if nodes is None or self._count(nodes):
                 self.warnings.append(
                     f"condition '{title}' {why} is not understood and not used; if it holds nodes of the "
@@ -97,10 +99,7 @@ class DeckSupports:
 
     def _nodes(self, condition: ET.Element) -> IntArray | None:
         """Nodes of a condition, by the name of a set or listed in it; None if it has neither."""
-        name = condition.get("node_set") or condition.get("set")
-        if name is None and (surface := condition.get("surface")):
-            name = f"@surface:{surface}"
-        if name is not None:
+        if (name := _set_of(condition)) is not None:
             return self.names.named(name)
         return self.names.listed(condition) if condition.find("node[@id]") is not None else None
 
@@ -145,6 +144,12 @@ class DeckSupports:
         """Names of a rigid body: its material's name first, then its number."""
         materials = ((of.get("name"), of.get("id")) for of in self.root.iterfind("Material/material"))
         return next((tuple(filter(None, names)) for names in materials if body in names), (body,))
+
+
+def _set_of(condition: ET.Element) -> str | None:
+    """Name of the set of a condition; None if it lists its nodes."""
+    surface = condition.get("surface")
+    return condition.get("node_set") or condition.get("set") or (f"@surface:{surface}" if surface else None)
 
 
 def pair_sides(pair: ET.Element) -> tuple[str, ...]:
