@@ -18,9 +18,9 @@ ROOT = Path(__file__).parents[2]
 LONGEST_FILE = 500
 LONGEST_FUNCTION = 45
 MOST = {
-    "lines": 77_392,
-    "lines of the core": 33_386,
-    "classes": 657,
+    "lines": 77_783,
+    "lines of the core": 33_397,
+    "classes": 658,
     "constants": 692,
     "long files": 0,
     "long functions": 6,

@@ -13,7 +13,8 @@ from palpate.limb.tidying import tidied
 from palpate.mesh.specimens import block
 from palpate.mesh.splitting import SOLIDS, cut
 from palpate_indentation import MeshioSettings, MeshioSource
-from palpate_indentation.gmsh_files import read_gmsh
+from palpate_indentation.gmsh_files import TYPES, read_gmsh
+from palpate_indentation.mesh_files import read_here
 
 pytestmark = pytest.mark.usefixtures("meshes_here")
 
@@ -156,6 +157,36 @@ def test_what_is_not_understood_is_named(tmp_path: Path, change, message: str) -
     (tmp_path / "m.msh").write_text(change(text_2({1: np.arange(len(HEXES))})))
     with pytest.raises(MeshError, match=message):
         load(tmp_path / "m.msh", "skin", "skin", {"soft_tissue": "tissue"})
+
+
+FULL = {12: "hexahedron20", 13: "wedge15", 14: "pyramid13"}
+
+
+@pytest.mark.parametrize("kind", FULL)
+def test_nodes_in_the_middles_of_faces_are_left_out(tmp_path: Path, kind: int) -> None:
+    """Gmsh adds them at order 2, after the nodes in the middles of the edges."""
+    n_nodes, n_used = TYPES[kind][1], SOLIDS[FULL[kind]][1]
+    lines = ["$MeshFormat", "2.2 0 8", "$EndMeshFormat", "$Nodes", str(n_nodes)]
+    lines += [f"{k} {k} 0 0" for k in range(1, n_nodes + 1)]
+    lines += ["$EndNodes", "$Elements", "1", f"1 {kind} 2 1 1 {' '.join(map(str, range(1, n_nodes + 1)))}"]
+    (tmp_path / "m.msh").write_text("\n".join([*lines, "$EndElements", ""]))
+    found = read_gmsh(tmp_path / "m.msh")
+    assert found is not None
+    ((shape, read),) = found.blocks
+    assert shape == FULL[kind]
+    assert sorted(read[0].tolist()) == list(range(n_used))
+
+
+def test_an_element_of_two_groups_is_there_once_in_a_binary_file(tmp_path: Path) -> None:
+    twice, numbers = np.concatenate([HEXES, HEXES[16:]]), np.repeat([1, 2], [32, 16])
+    mesh = meshio.Mesh(MADE.points_mm, [("hexahedron", twice)], cell_data={"gmsh:physical": [numbers]})
+    mesh.cell_data["gmsh:geometrical"] = [numbers]
+    mesh.field_data = {"tissue": np.array([1, 3]), "upper half": np.array([2, 3])}
+    meshio.write(tmp_path / "m.msh", mesh, file_format="gmsh22", binary=True)
+    found = read_here(tmp_path / "m.msh")
+    np.testing.assert_array_equal(found.blocks[0][1], HEXES)
+    np.testing.assert_array_equal(found.cell_sets["tissue"][0], np.arange(32))
+    np.testing.assert_array_equal(found.cell_sets["upper half"][0], np.arange(16, 32))
 
 
 def test_binary_files_are_left_to_meshio(tmp_path: Path) -> None:

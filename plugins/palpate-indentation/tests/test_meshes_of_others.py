@@ -1,5 +1,6 @@
 """Mesh files in the spellings of other programs are read whole, or refused with what to do."""
 
+import re
 from pathlib import Path
 from random import Random
 from typing import Any
@@ -133,6 +134,39 @@ def test_exodus_counts_upright_edges_before_the_upper_end(tmp_path: Path) -> Non
     np.testing.assert_allclose(points[read[:, solid.n_corners :]], middles, atol=1e-12)
 
 
+def test_words_of_cells_are_groups(tmp_path: Path) -> None:
+    """PyVista writes an array of words as a String: characters that end with 0."""
+    words = " ".join(str(b) for word in ["fat"] * 16 + ["skin"] * 16 for b in (*word.encode(), 0))
+    text = (DATA / "version_2_2.vtu").read_text()
+    array = f'<CellData><DataArray type="String" Name="tissue" format="ascii">{words}</DataArray></CellData>'
+    text = re.sub(r"<CellData.*</CellData>", array, text, flags=re.DOTALL)
+    (tmp_path / "m.vtu").write_text(text)
+    content = read_here(tmp_path / "m.vtu")
+    assert {name: rows[0].tolist() for name, rows in content.cell_sets.items()} == {
+        "fat": list(range(16)),
+        "skin": list(range(16, 32)),
+    }
+    assert not content.cell_data
+
+
+def test_groups_of_med_have_their_names(tmp_path: Path) -> None:
+    pytest.importorskip("h5py")
+    made = block("hex8", width_mm=40.0, height_mm=20.0, n_across=4, n_down=2).mesh
+    families = np.array([-1] * 16 + [-2] * 16)
+    mesh = meshio.Mesh(made.points_mm, [("hexahedron", made.cells["hex8"])])
+    mesh.cell_data, mesh.point_data = {"cell_tags": [families]}, {"point_tags": np.repeat([3, 0], [25, 50])}
+    mesh.cell_tags, mesh.point_tags = {-1: ["fat", "soft tissue"], -2: ["soft tissue"]}, {3: ["On bone"]}
+    mesh.write(tmp_path / "m.med")
+    content = read_here(tmp_path / "m.med")
+    assert {name: rows[0].tolist() for name, rows in content.cell_sets.items()} == {
+        "fat": list(range(16)),
+        "soft tissue": list(range(32)),
+    }
+    assert content.point_sets["On bone"].tolist() == list(range(25))
+    assert not content.cell_data
+    assert not content.point_data
+
+
 # ------------------------------------------------------------------ Abaqus
 
 LIMB = block("hex8", width_mm=40.0, height_mm=20.0, n_across=4, n_down=2, layers_mm={"skin": 10.0})
@@ -169,6 +203,27 @@ def counts(tmp_path: Path, text: str, fixed: Any = "fixed") -> tuple[Limb, int]:
     return limb, len(limb.mesh.node_sets["fixed"])
 
 
+def test_a_second_body_is_named_and_can_be_left_out(tmp_path: Path) -> None:
+    nodes = "".join(f"{k + 500}, {x + 99}, {y}, {z}\n" for k, (x, y, z) in enumerate(LIMB.mesh.points_mm, 1))
+    cells = "".join(f"{k + 500}, {', '.join(str(n + 500) for n in row)}\n" for k, row in enumerate(ROWS, 1))
+    text = part(f"*Node\n{nodes}*Element, type=C3D8, elset=Gel\n{cells}") + "*Boundary\nbone, 1, 3\n"
+    (tmp_path / "m.inp").write_text(text)
+    settings = settings_of()
+    settings["regions"]["gel"] = "Gel"
+    with pytest.raises(MeshError, match=r"\(region gel\) .* or name it in leave_out under \[limb.settings\]"):
+        load(tmp_path / "m.inp", settings)
+    limb = load(tmp_path / "m.inp", {**settings_of(), "leave_out": ["gel"]})
+    assert len(limb.mesh.node_sets["fixed"]) == len(BONE)
+    assert limb.mesh.n_nodes == len(X)
+
+
+def test_new_conditions_before_any_others_remove_nothing(tmp_path: Path) -> None:
+    step = "*Step\n*Static\n*Boundary, op=New\n*Boundary\nBone, 1, 3\n{}*End Step\n"
+    assert not counts(tmp_path, part() + step.format(""))[0].warnings
+    again = counts(tmp_path, part() + step.format("*Boundary, op=New\ncuts, 1, 3\n"))[0]
+    assert "op=NEW in line" in again.warnings[0]
+
+
 def test_nodes_in_a_file_of_their_own_are_read(tmp_path: Path) -> None:
     (tmp_path / "nodes.inc").write_text(f"** exported\n{NODES}")
     text = part().replace(f"*NODE, NSET=ALL\n{NODES}", '*Node, nset=ALL, input="nodes.inc"\n')
@@ -197,6 +252,10 @@ def test_what_gmsh_writes_twice_is_proposed_once(tmp_path: Path) -> None:
     assert set(settings["regions"].values()) == {"Fat", "skin"}
     assert settings["node_sets"] == {"contact": "OUTER_SIDE", "fixed": "ENDS"}
     assert "Surface1" not in " ".join(inspection.findings)
+    (tmp_path / "m.inp").write_text(text[: text.index("*NSET")] + sets[: sets.index("*Nset")])
+    inspection = MeshioSource(MeshioSettings()).inspect(tmp_path / "m.inp")
+    assert "node_sets" not in inspection.record["settings"]
+    assert "no set of nodes has the name of a skin; name the pressed surface" in " ".join(inspection.findings)
 
 
 @pytest.mark.parametrize("conditions", ["", "*Boundary\nFixed, 1, 3\n"])

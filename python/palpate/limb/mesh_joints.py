@@ -62,12 +62,16 @@ def _check_one_part(limb: Limb) -> None:
     distances = np.linalg.norm(mesh.points_mm[contact] - limb.spot.position_mm, axis=1)
     pressed = part[contact[distances.argmin()]]
     other = int(np.flatnonzero(part != pressed)[0])
-    inside = [mesh.cell_regions[kind][part[cells[:, 0]] == part[other]] for kind, cells in mesh.cells.items()]
-    names = [mesh.regions[i] for i in np.unique(np.concatenate(inside))]
+    there, here = (
+        np.concatenate([mesh.cell_regions[kind][part[c[:, 0]] == each] for kind, c in mesh.cells.items()])
+        for each in (part[other], pressed)
+    )
+    names = [mesh.regions[i] for i in np.unique(there)]
+    how = "remove it" if np.isin(there, here).any() else "name it in leave_out under [limb.settings]"
     raise MeshError(
         f"mesh: {n_parts} separate parts; the part of node {other} near {_mm(mesh.points_mm[other])} (region "
         f"{', '.join(names)}) shares no node with the part under spot '{limb.spot.name}'; merge their nodes, "
-        "or remove it"
+        f"or {how}"
     )
 
 

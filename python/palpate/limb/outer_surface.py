@@ -34,7 +34,7 @@ def surface_shares(mesh: Mesh) -> SurfaceShares:
         area = area.reshape(-1, len(faces)).sum(axis=0)
         fixed, contact = (_mask(mesh, name)[faces].all(axis=1) for name in ("fixed", "contact"))
         areas += [area[of].sum() for of in (fixed, contact & ~fixed, ~contact & ~fixed)]
-    fixed_share, contact_share, free = (areas / areas.sum()).tolist()
+    fixed_share, contact_share, free = (areas / (areas.sum() or 1.0)).tolist()
     return SurfaceShares(fixed=fixed_share, contact=contact_share, free=free)
 
 

@@ -109,7 +109,7 @@ class _Conditions:
         return self.supports, self.warnings
 
     def boundary(self, keyword: Keyword) -> None:
-        if keyword.options.get("OP", "").upper() == "NEW":
+        if keyword.options.get("OP", "").upper() == "NEW" and (self.supports or self.single):
             self.warnings.append(
                 f"*Boundary, op=NEW in line {keyword.line} removes earlier conditions in its step; palpate "
                 "uses all of them; delete those that do not hold during the press"

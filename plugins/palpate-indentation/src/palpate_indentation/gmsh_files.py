@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 
 from palpate.api import MeshError
 from palpate.api.mesh import SOLIDS
-from palpate_indentation.mesh_content import MeshFile
+from palpate_indentation.mesh_content import MeshFile, once
 
 TYPES: Mapping[int, tuple[str, int]] = MappingProxyType(
     {
@@ -35,9 +35,16 @@ TYPES: Mapping[int, tuple[str, int]] = MappingProxyType(
         18: ("wedge15", 15),
         7: ("pyramid", 5),
         19: ("pyramid13", 13),
+        12: ("hexahedron20", 27),
+        13: ("wedge15", 18),
+        14: ("pyramid13", 14),
     }
 )
-"""meshio's kind and the number of nodes of Gmsh's types of elements."""
+"""meshio's kind and the number of nodes of Gmsh's types of elements.
+
+Nodes in the middles of faces and of the element, which Gmsh adds at order 2, are last and are left out: the
+element is cut into tetrahedra.
+"""
 _EDGES: Mapping[str, str] = MappingProxyType(
     {
         "tetra10": "01 12 02 03 23 13",
@@ -72,7 +79,7 @@ def read_gmsh(path: Path) -> MeshFile | None:
     index = np.full(int(numbers.max(initial=0)) + 1, -1)
     index[numbers] = np.arange(len(numbers))
     blocks = tuple(
-        (shape, index[np.array(list(cells.rows), dtype=np.int64)[:, _order(shape)]])
+        (shape, index[np.array(cells.rows, dtype=np.int64)[:, _order(shape)]])
         for shape, cells in of_shape.items()
     )
     if any((cells < 0).any() for _, cells in blocks):
@@ -80,7 +87,7 @@ def read_gmsh(path: Path) -> MeshFile | None:
     nodes = {number: k for k, number in enumerate(numbers.tolist())}
     elements = [cells.tags for cells in of_shape.values()]
     of_elements = _data(sections, "ElementData", elements, [len(cells) for _, cells in blocks])
-    return MeshFile(
+    content = MeshFile(
         points=points,
         blocks=blocks,
         point_data={name: values[0] for name, values in _data(sections, "NodeData", [nodes], [len(points)])},
@@ -90,6 +97,7 @@ def read_gmsh(path: Path) -> MeshFile | None:
         },
         cell_sets=_sets(groups, list(of_shape), _names(sections.get("PhysicalNames", ""))),
     )
+    return once(content)
 
 
 def _sets(
@@ -141,9 +149,9 @@ _Element = tuple[int, int, int, list[int], list[int]]
 
 @dataclass(frozen=True, slots=True)
 class _Cells:
-    """Elements of one shape: rows by their nodes and by their numbers, and the first group of each."""
+    """Elements of one shape: their nodes, rows by their numbers, and the first group of each."""
 
-    rows: dict[tuple[int, ...], int] = field(default_factory=dict)
+    rows: list[list[int]] = field(default_factory=list)
     tags: dict[int, int] = field(default_factory=dict)
     first: list[int] = field(default_factory=list)
 
@@ -151,7 +159,7 @@ class _Cells:
 def _by_shape(
     path: Path, elements: Iterable[_Element]
 ) -> tuple[dict[str, _Cells], dict[tuple[int, int], dict[str, set[int]]]]:
-    """Elements of each shape, each once; and the rows of each physical group by shape."""
+    """Elements of each shape, and the rows of each physical group by shape."""
     found: dict[str, _Cells] = {}
     groups: dict[tuple[int, int], dict[str, set[int]]] = {}
     for number, kind, dimension, physical, nodes in elements:
@@ -161,9 +169,9 @@ def _by_shape(
         if len(nodes) != n_nodes:
             raise MeshError(f"{path}: element {number} has {len(nodes)} nodes, not {n_nodes}; save it again")
         cells = found.setdefault(shape, _Cells())
-        row = cells.tags[number] = cells.rows.setdefault(tuple(nodes), len(cells.rows))
-        if row == len(cells.first):
-            cells.first.append(next(iter(physical), 0))
+        row = cells.tags[number] = len(cells.rows)
+        cells.rows.append(nodes)
+        cells.first.append(next(iter(physical), 0))
         for group in physical:
             groups.setdefault((dimension, group), {}).setdefault(shape, set()).add(row)
     return found, groups

@@ -25,7 +25,8 @@ from palpate.api.files import ProcessLimits, run_function
 from palpate_indentation.abaqus_files import read_abaqus
 from palpate_indentation.ansys_files import read_ansys
 from palpate_indentation.gmsh_files import read_gmsh
-from palpate_indentation.mesh_content import MeshFile, numbered_faces
+from palpate_indentation.mesh_content import MeshFile, numbered_faces, once, ordered
+from palpate_indentation.nastran_files import read_nastran
 from palpate_indentation.vtk_files import read_legacy_vtk, read_vtu
 
 MOST_BYTES = 1_000_000_000
@@ -34,11 +35,12 @@ MOST_MEMORY_MB = 4_000.0
 
 READERS: Mapping[str, Callable[[Path], MeshFile | None]] = MappingProxyType(
     {".inp": read_abaqus, ".cdb": read_ansys, ".msh": read_gmsh, ".vtu": read_vtu, ".vtk": read_legacy_vtk}
+    | dict.fromkeys((".bdf", ".nas", ".fem"), read_nastran)
 )
 """Readers of palpate, by suffix; meshio reads other formats, and files that such a reader leaves to it."""
 SUFFIXES = frozenset(
     {*READERS, ".xdmf", ".xmf", ".mesh", ".meshb", ".med", ".cgns", ".e", ".exo", ".ex2", ".h5m"}
-    | {".bdf", ".nas", ".fem", ".mdpa", ".avs", ".f3grid", ".su2", ".vol", ".ele", ".ugrid", ".tec"}
+    | {".mdpa", ".avs", ".f3grid", ".su2", ".vol", ".ele", ".ugrid", ".tec"}
 )
 """Formats that are read: by palpate's readers, and those with volume elements of meshio."""
 UNREADABLE = (ValueError, LookupError, ArithmeticError, TypeError, AttributeError, zlib.error, lzma.LZMAError)
@@ -101,14 +103,21 @@ def _read(path: Path) -> MeshFile:
         raise
     except (Exception, SystemExit) as error:  # its readers raise anything on a corrupt file
         raise MeshError(_why_unreadable(path, complaints.getvalue() or str(error))) from error
-    return MeshFile(
+    families = {name: getattr(mesh, name, {}) for name in ("point_tags", "cell_tags")}
+    content = MeshFile(
         points=np.asarray(mesh.points, dtype=np.float64),
         blocks=tuple((str(block.type), _cells(path, str(block.type), block.data)) for block in mesh.cells),
-        point_data={str(k): np.asarray(v) for k, v in mesh.point_data.items()},
-        cell_data={str(k): tuple(np.asarray(v) for v in blocks) for k, blocks in mesh.cell_data.items()},
-        point_sets={str(k): np.asarray(v, dtype=np.int64) for k, v in mesh.point_sets.items()},
+        point_data={str(k): np.asarray(v) for k, v in mesh.point_data.items() if not families.get(k)},
+        cell_data={
+            str(k): tuple(np.asarray(v) for v in blocks)
+            for k, blocks in mesh.cell_data.items()
+            if not families.get(k)
+        },
+        point_sets={str(k): np.asarray(v, dtype=np.int64) for k, v in mesh.point_sets.items()}
+        | {name: np.concatenate(rows) for name, rows in _of_families(mesh, "point").items()},
         cell_sets=_cell_sets(mesh),
     )
+    return once(content) if path.suffix.lower() == ".msh" else content
 
 
 def _why_unreadable(path: Path, reason: str) -> str:
@@ -138,7 +147,22 @@ def _cell_sets(mesh: Any) -> dict[str, tuple[NDArray[np.int64], ...]]:  # noqa: 
     numbers = mesh.cell_data.get("gmsh:physical")
     for name, (number, _) in mesh.field_data.items() if numbers is not None else ():
         groups.setdefault(str(name), tuple(np.flatnonzero(np.asarray(rows) == number) for rows in numbers))
-    return groups
+    return groups | _of_families(mesh, "cell")
+
+
+def _of_families(mesh: Any, what: str) -> dict[str, tuple[NDArray[np.int64], ...]]:  # noqa: ANN401
+    """Rows of each group of MED in the arrays of its families: a family has a number and names of groups."""
+    arrays = getattr(mesh, f"{what}_data").get(f"{what}_tags", ())
+    blocks = [np.asarray(rows) for rows in ([arrays] if what == "point" else arrays)]
+    families: dict[str, list[int]] = {}
+    for number, names in getattr(mesh, f"{what}_tags", {}).items():
+        for name in names:
+            families.setdefault(str(name).strip(), []).append(int(number))
+    return {
+        name: tuple(np.flatnonzero(np.isin(rows, numbers)) for rows in blocks)
+        for name, numbers in families.items()
+        if blocks
+    }
 
 
 _KEYWORD = re.compile(rb"^(?!\*\*)([^,\n]*+)[^\n]*=([^\n]*)$", re.MULTILINE)
@@ -169,9 +193,6 @@ def _refuse_outside(path: Path) -> None:
     _refuse_hdf_links(path)
 
 
-_HDF = b"\x89HDF\r\n\x1a\n"
-
-
 def _refuse_hdf_links(path: Path) -> None:
     """Refuse an HDF5 file whose arrays are in other files, which its library would open."""
     if not path.is_file():
@@ -198,11 +219,11 @@ def _refuse_hdf_links(path: Path) -> None:
 
 def _is_hdf(path: Path) -> bool:
     """Whether it has the signature of HDF5: at 0, or at 512, 1024, … after a user block."""
-    place, size = 0, path.stat().st_size
+    place, size, magic = 0, path.stat().st_size, b"\x89HDF\r\n\x1a\n"
     with path.open("rb") as stream:
         while place < size:
             stream.seek(place)
-            if stream.read(len(_HDF)) == _HDF:
+            if stream.read(len(magic)) == magic:
                 return True
             place = max(2 * place, 512)
     return False
@@ -245,13 +266,7 @@ def _data_files(path: Path) -> Iterator[str]:
 def _cells(path: Path, kind: str, given: object) -> NDArray[np.int64]:
     """Nodes of elements in meshio's order, which its reader of Exodus leaves as they are in the file."""
     cells = _integers(path, given)
-    is_exodus = path.suffix.lower() in (".e", ".exo", ".ex2")
-    # Nodes of Exodus' quadratic hexahedron in meshio's order: Exodus has upright edges before upper ones.
-    return (
-        cells[:, (*range(12), *range(16, 20), *range(12, 16))]
-        if is_exodus and kind == "hexahedron20"
-        else cells
-    )
+    return ordered(kind, cells) if path.suffix.lower() in (".e", ".exo", ".ex2") else cells
 
 
 def _integers(path: Path, cells: object) -> NDArray[np.int64]:

@@ -114,7 +114,9 @@ def _covering(content: MeshFile, volume: list[int]) -> list[str]:
 def _node_sets(content: MeshFile, groups: list[str], findings: list[str]) -> dict[str, Any]:
     """Node sets of the skin and of what is fixed, by names that say so; else bone among groups is fixed."""
     sets = _names(content)
-    contact, held, unused = likely_sets([*sets], groups)
+    # The number of a surface of Gmsh's geometry tells nothing of the limb.
+    named = [name for name in sets if not re.fullmatch(r"(Line|Surface|Volume)\d+", name)]
+    contact, held, unused = likely_sets(named, groups)
     if contact is None and sets:
         contact, others = _by_shape(content, {name: of for name, of in sets.items() if name not in held})
         held, unused = likely_sets([name for name in sets if name != contact], groups)[1:]
@@ -229,6 +231,7 @@ def _tables(content: MeshFile) -> tuple[InspectedTable, ...]:
     named += [
         (name, "group of elements", f"{sum(map(len, content.cell_sets[name]))} elements")
         for name in _plain(content.cell_sets)
+        if any(map(len, content.cell_sets[name]))
     ]
     named += [
         (name, "cell data", _span(np.concatenate([np.asarray(b).reshape(len(b), -1) for b in blocks])))

@@ -12,7 +12,7 @@ from pydantic import Field, field_validator
 from palpate.api import IntArray, Limb, LimbSource, Mesh, MeshError, Settings, Spot, convert
 from palpate.api.files import Inspection
 from palpate.api.mesh import CELLS, SOLIDS, FixedNodes, curved, cut, fixed_nodes
-from palpate_indentation.mesh_content import MeshFile
+from palpate_indentation.mesh_content import MeshFile, of_rows
 from palpate_indentation.mesh_files import SUFFIXES, read_mesh_file
 from palpate_indentation.mesh_inspection import inspect_mesh
 from palpate_indentation.node_choices import Choice, check_whole, chosen, known_as
@@ -46,6 +46,9 @@ class MeshioSettings(Settings):
         min_length=1,
         description="Number of each region in that data, or several, by the region's name; or its group of "
         "elements (physical group of Gmsh, element set of Abaqus), or several.",
+    )
+    leave_out: list[int] | list[str] = Field(
+        default=[], description="Numbers or groups of elements that are no limb, such as a second body."
     )
     node_sets: dict[str, Choice | list[Choice]] = Field(
         default={"fixed": "fixed", "contact": "contact"},
@@ -115,7 +118,7 @@ class MeshioSource(LimbSource[MeshioSettings]):
             the message names what the file has.
         """
         settings = self.settings
-        content = read_mesh_file(path)
+        content = _limb_alone(read_mesh_file(path), settings)
         points = _points_mm(path, content, settings.unit)
         volume, ids = _volume(path, content, settings)
         other = sorted({content.blocks[k][0] for k in volume} - set(KINDS))
@@ -144,6 +147,19 @@ class MeshioSource(LimbSource[MeshioSettings]):
             remarks=(*remarks, *fixed.remarks),
             warnings=(*content.warnings, *fixed.warnings),
         )
+
+
+def _limb_alone(content: MeshFile, settings: MeshioSettings) -> MeshFile:
+    """Content without the elements of the setting ``leave_out``."""
+    kept = [np.ones(len(cells), dtype=np.bool_) for _, cells in content.blocks]
+    for what in settings.leave_out:
+        if isinstance(what, str) and (name := known_as(what, content.cell_sets)) is not None:
+            for block, rows in zip(kept, content.cell_sets[name], strict=True):
+                block[rows] = False
+        elif isinstance(what, int) and settings.region_data in content.cell_data:
+            for block, numbers in zip(kept, content.cell_data[settings.region_data], strict=True):
+                block &= numbers != what
+    return of_rows(content, [np.flatnonzero(block) for block in kept]) if settings.leave_out else content
 
 
 def _fixed(

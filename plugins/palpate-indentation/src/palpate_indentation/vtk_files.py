@@ -1,13 +1,13 @@
 """Unstructured grids of VTK: .vtu of any version and compression, and legacy .vtk, ASCII or binary.
 
-Voxels become hexahedra, pixels quadrilaterals; arrays that are no numbers are left out.
+Voxels become hexahedra, pixels quadrilaterals. Words of cells name groups; other text is left out.
 """
 
 import base64
 import lzma
 import re
 import zlib
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from pathlib import Path
 from types import MappingProxyType
 from xml.etree import ElementTree
@@ -140,7 +140,7 @@ def _piece(
         {
             element.get("Name") or "unnamed": _rows(arrays.read(element), size)
             for element in piece.iterfind(f"{section}/DataArray")
-            if element.get("type") in NUMBERS and (size := int(piece.get(count) or 0))
+            if element.get("type") in {*NUMBERS, "String"} and (size := int(piece.get(count) or 0))
         }
         for section, count in (("PointData", "NumberOfPoints"), ("CellData", "NumberOfCells"))
     )
@@ -186,8 +186,13 @@ class _XmlArrays:
         )
 
     def read(self, element: ElementTree.Element) -> Array:
-        """Numbers of a DataArray, flat."""
-        kind = self.order + NUMBERS[element.get("type", "")]
+        """Numbers of a DataArray, or its words, flat."""
+        if element.get("type") == "String":  # characters as numbers, each word ends with 0
+            characters = bytes(self._numbers(element, "<u1").astype(np.uint8).tolist())
+            return np.array(characters.decode(errors="replace").split("\0")[:-1])
+        return self._numbers(element, self.order + NUMBERS[element.get("type", "")])
+
+    def _numbers(self, element: ElementTree.Element, kind: str) -> Array:
         match element.get("format", "ascii"):
             case "ascii":
                 return np.array((element.text or "").split(), dtype=np.float64 if "f" in kind else np.int64)
@@ -311,14 +316,19 @@ class _Legacy:
         end = re.compile(rb"\n\s*\n").search(self.text, self.at)
         self.at = len(self.text) if end is None else end.end()
 
-    def pass_words(self, n: int) -> None:
-        """Pass n words: a line each in ASCII, which may be empty, and each behind its length in binary."""
+    def words(self, n: int) -> Array:
+        """Next n words: a line each in ASCII, which may be empty, and each behind its length in binary."""
+        found = []
         for _ in range(n):
             if self.is_text:
-                self.at = self.text.index(b"\n", self.at) + 1
+                start, end = self.at, self.text.index(b"\n", self.at)
+                self.at = end + 1
             else:
                 width = 8 >> (self.text[self.at] >> 6)  # the first two bits show the size of the length
-                self.at += width + int.from_bytes(self.text[self.at : self.at + width]) % (1 << 8 * width - 2)
+                start = self.at + width
+                self.at = end = start + int.from_bytes(self.text[self.at : start]) % (1 << 8 * width - 2)
+            found.append(self.text[start:end].decode(errors="replace").strip())
+        return np.array(found)
 
     def values(self, n: int, dtype: str) -> Array:
         """Next n numbers."""
@@ -369,11 +379,9 @@ class _Legacy:
             if words[0] == "NULL_ARRAY":
                 continue
             name, width, length, dtype = words[0], int(words[1]), int(words[2]), words[3]
-            if dtype.lower() in ("string", "utf8_string"):
-                self.pass_words(width * length)
-                continue
-            values = self.values(width * length, dtype)
-            if length == n and n:
+            is_text = dtype.lower() in ("string", "utf8_string")
+            values = self.words(width * length) if is_text else self.values(width * length, dtype)
+            if length == n and n and (width == 1 or not is_text):
                 found[name.replace("%20", " ")] = _rows(values, n)
         return found
 
@@ -410,14 +418,29 @@ def _content(
         nodes.setdefault(name, []).append(of[:, REORDERED[kind]] if kind in REORDERED else of)
         rows.setdefault(name, []).append(here)
     order = {name: np.argsort(np.concatenate(of), kind="stable") for name, of in rows.items()}
-    places = {name: np.concatenate(of)[order[name]] for name, of in rows.items()}
+    places = [np.concatenate(rows[name])[order[name]] for name in nodes]
+    words = [of for of in cell_data.values() if of.dtype.kind == "U" and len(of) == len(cells)]
     return MeshFile(
         points=np.asarray(points, dtype=np.float64).reshape(-1, 3),
         blocks=tuple((name, np.concatenate(of)[order[name]]) for name, of in nodes.items()),
-        point_data={name: values for name, values in point_data.items() if len(values) == len(points)},
+        cell_sets=_groups(words, places),
+        point_data=_numbers(point_data, len(points)),
         cell_data={
-            name: tuple(values[places[block]] for block in nodes)
-            for name, values in cell_data.items()
-            if len(values) == len(cells)
+            name: tuple(values[block] for block in places)
+            for name, values in _numbers(cell_data, len(cells)).items()
         },
     )
+
+
+def _numbers(data: Mapping[str, Array], n: int) -> dict[str, Array]:
+    """Arrays of numbers of n points or cells."""
+    return {name: of for name, of in data.items() if len(of) == n and of.dtype.kind != "U"}
+
+
+def _groups(words: Iterable[Array], rows: Sequence[Array]) -> dict[str, tuple[NDArray[np.int64], ...]]:
+    """Rows in each block of the cells that have a word."""
+    return {
+        str(word): tuple(np.flatnonzero(of[block] == word) for block in rows)
+        for of in words
+        for word in np.unique(of)
+    }
