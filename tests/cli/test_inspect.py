@@ -110,3 +110,10 @@ def test_help_shows_both(call: Call) -> None:
     outcome = call("experiment", "--help")
     assert "STUDY | inspect FILE" in outcome.out
     assert call("experiment", "inspect", "--help").code == 0
+
+
+def test_a_mesh_in_place_of_a_study_names_the_command_that_looks_into_it(call: Call) -> None:
+    Path("leg 1.msh").touch()
+    outcome = call("limb", "leg 1.msh", plugin=None)
+    assert outcome.code == 2
+    assert "palpate limb inspect 'leg 1.msh'" in outcome.err
