@@ -90,5 +90,6 @@ def test_what_the_budget_explains_is_no_misfit_of_the_model():
     with_cause, without = (
         estimate(residuals, null_space(jacobian.T), k, rows, expected=EXPECTED) for k in (known, 0.0 * known)
     )
-    assert missed(residuals, rows, jacobian, with_cause, known)[0].unexplained < 0.01
+    found = missed(residuals, rows, jacobian, with_cause, known)[0]
+    assert (found.unexplained < 0.01, found.cause) == (True, "known")
     assert missed(residuals, rows, jacobian, without)[0].unexplained > 0.01

@@ -197,6 +197,20 @@ def test_a_poor_fit_is_named_with_its_channel(content):
     assert (warning.what, note.what) == ("2 of the best fits are poor",) * 2
     assert "p1, scenario I: torque R² 0.500; p2, scenario I: torque R² 0.500" in warning.why
     assert "p1, scenario II: torque R² 0.500; p2, scenario II: torque R² 0.500" in note.why
+    assert "within the stated errors" not in warning.why
+    row = {
+        "fit": "all spots",
+        "scenario": "I",
+        "check": "discrepancy",
+        "channel": "torque",
+        "verdict": "describes",
+    }
+    checks = pl.DataFrame([{**row, "difference": 0.211, "r2": 0.94, "explained_by": "friction"}])
+    explained = replace(poor, fit=replace(poor.fit, adequacy=checks))
+    text = about(explained, "best fits are poor")
+    assert (
+        "The torque differs by 21 % of its peak, within the stated errors, mostly by friction; check" in text
+    )
 
 
 def test_a_best_value_at_the_end_of_its_range_is_named(content):

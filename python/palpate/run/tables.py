@@ -205,6 +205,9 @@ ASSESSED = MappingProxyType(
                 "verdict": TableColumn("'describes', 'approximates' or 'does not describe'.", pl.String),
                 "difference": TableColumn("Largest difference from the channel over its peak; null for all."),
                 "r2": TableColumn("Least R² of a spot at the reported values; null for all."),
+                "explained_by": TableColumn(
+                    "Error source that explains most of it; null for all.", pl.String
+                ),
                 "visible": TableColumn(
                     "Discrepancy of a law, as a standard deviation over the peak, that nine of ten such "
                     "experiments show; null for all."

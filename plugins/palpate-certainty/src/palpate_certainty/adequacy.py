@@ -76,11 +76,14 @@ class Misfit:
     unexplained : float
         The most of a difference that is left by the error budget, and by three standard deviations of the
         noise, over the peak.
+    cause : str
+        Known error source that explains most of it.
     """
 
     row: int
     share: float
     unexplained: float
+    cause: str
 
 
 def misfits(points: LinearProblem, linear: LinearProblem, errors: ResidualErrors) -> dict[int, Misfit]:
@@ -102,10 +105,12 @@ def misfits(points: LinearProblem, linear: LinearProblem, errors: ResidualErrors
     averaged = groups @ residuals
     within = free.T @ covariance @ free
     jitter = 1e-12 * np.trace(within) / len(within) * np.eye(len(within))
-    seen = free.T @ known
-    explained = free @ seen @ (seen.T @ np.linalg.solve(within + jitter, free.T @ averaged))
-    ratio = np.divide(explained, averaged, out=np.zeros_like(averaged), where=averaged != 0.0)
-    left = (1.0 - ratio.clip(0.0, 1.0))[np.argmax(groups > 0.0, axis=0)]
+    weights = free @ np.linalg.solve(within + jitter, free.T @ averaged)
+    by_cause = {name: free @ (free.T @ part) @ (part.T @ weights) for name, part in linear.known.items()}
+    explained = np.sum(list(by_cause.values()), axis=0)
+    ratio, group = np.zeros_like(averaged), np.argmax(groups > 0.0, axis=0)
+    np.divide(explained, averaged, out=ratio, where=averaged != 0.0)
+    left = (1.0 - ratio.clip(0.0, 1.0))[group]
     found = {}
     for channel in rows.channels:
         curves = [np.flatnonzero((rows.channel == channel) & (rows.spot == s)) for s in np.unique(rows.spot)]
@@ -118,7 +123,8 @@ def misfits(points: LinearProblem, linear: LinearProblem, errors: ResidualErrors
             if of.size
         )
         row, largest = int(at[np.argmax(share)]), float(share.max())
-        found[channel] = Misfit(row=row, share=largest, unexplained=float(max(0.0, *most)))
+        cause = max(by_cause, key=lambda name: by_cause[name][group[row]] * residuals[row])
+        found[channel] = Misfit(row=row, share=largest, unexplained=float(max(0.0, *most)), cause=cause)
     return found
 
 

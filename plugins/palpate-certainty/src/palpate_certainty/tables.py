@@ -319,6 +319,7 @@ def _adequacy(each: Assessed, study: Study) -> Iterator[dict[str, Any]]:
             "verdict": check.verdict.value,
             "difference": None if check.closeness is None else check.closeness.difference,
             "r2": None if check.closeness is None else check.closeness.r2,
+            "explained_by": None if check.closeness is None else each.misfits[check.channel].cause,
             "visible": check.visible,
             "message": "" if check.verdict is Adequacy.DESCRIBES else said.get(check.name, ""),
         }

@@ -23,6 +23,7 @@ from palpate.api.runs import (
     unranked,
 )
 from palpate_report.answer.failed_checks import apparent, failed_checks, left_out
+from palpate_report.answer.next_step import cause_name
 from palpate_report.data.best import Best
 from palpate_report.data.marks import in_words
 from palpate_report.data.report_data import ReportData
@@ -116,7 +117,22 @@ def _about_poor_fit(data: ReportData) -> Iterator[ReportWarning]:
         if data.study.protocol is None
         else "The material law, the mesh or the contact may be wrong for this press."
     )
-    yield from _by_scenario(data, "poor-fit", "{n} of the best fits {is} poor", poor, why)
+    yield from _by_scenario(
+        data, "poor-fit", "{n} of the best fits {is} poor", poor, f"{why}{_explained(data)}"
+    )
+
+
+def _explained(data: ReportData) -> str:
+    """Sentences on differences of the leading fit that the budget explains; empty without any."""
+    checks = data.leading_rows(data.fit.adequacy)
+    if "explained_by" not in checks.columns:  # tables of earlier runs have none
+        return ""
+    far = (pl.col("verdict") == Adequacy.DESCRIBES.value) & (pl.col("r2") < THRESHOLDS.good_r2)
+    return "".join(
+        f" The {in_words(row['channel'])} differs by {100.0 * row['difference']:.2g} % of its peak, within "
+        f"the stated errors, mostly by {cause_name(data, row['explained_by'])}; check it first."
+        for row in checks.filter(far).iter_rows(named=True)
+    )
 
 
 def _about_unfitted(data: ReportData, tables: Mapping[str, pl.DataFrame]) -> Iterator[ReportWarning]:

@@ -32,7 +32,9 @@ class Certainty(Section):
             report, "causes", "Error sources of each interval; the shares are in tables/budget.csv"
         )
         if "inadequate" in report.tables:
-            failed = report.tables["inadequate"].drop("probability", "verdict", "r2", "visible", strict=False)
+            failed = report.tables["inadequate"].drop(
+                "probability", "verdict", "r2", "explained_by", "visible", strict=False
+            )
             yield Table.of(TITLES["inadequate"], failed)
         yield from tables(report, "between_spots")
         yield Paragraph(
