@@ -59,7 +59,7 @@ def found_in(text: str) -> dict[str, list[str]]:
     functions = [node for node in nodes if not isinstance(node, ast.Module | ast.ClassDef)]
     lengths = [(node.name, (node.end_lineno or 0) - node.lineno + 1) for node in functions]
     return {
-        "lines": 77_811lines,
+        "lines": lines,
         "classes": [node.name for node in nodes if isinstance(node, ast.ClassDef)],
         "constants": list(constants(tree)),
         "long functions": [f"{name} {n}" for name, n in lengths if n > LONGEST_FUNCTION],
