@@ -16,6 +16,7 @@ from palpate.errors import StudyError
 from palpate.experiment.measured import load_measured
 from palpate.limb.loading import load_limbs, press_warnings
 from palpate.plugins.catalogue import Plugins
+from palpate.study.checks import unedited_warnings
 from palpate.study.reading import read_study
 
 from .conftest import Call
@@ -112,6 +113,26 @@ def test_init_writes_a_study_of_own_presses(call: Call) -> None:
         refused = call("init", *arguments, plugin=None)
         assert (refused.code, reason in refused.err) == (2, True)
     assert not Path("leg").exists()
+
+
+def test_lines_of_a_study_that_are_not_edited_are_a_warning(call: Call) -> None:
+    call("init", "try", plugin=None)
+    call("init", "arm", "--measured", "try/measured/p1.csv", "--mesh", "try/meshes/p1.vtu", plugin=None)
+    file = Path("arm/study.toml")
+    text = file.read_text(encoding="utf-8").replace("[limb]", "# answer first: is 7 skin?\n[limb]")
+    file.write_text(text, encoding="utf-8")
+    (found,) = unedited_warnings(read_study("arm"))
+    lines = text.splitlines()
+    for key in ("indenter", "friction"):
+        number = 1 + next(i for i, line in enumerate(lines) if line.startswith(f"{key} = "))
+        assert f"line {number} protocol.{key}" in found
+    assert found.startswith(f"{read_study('arm').file}: not edited yet: ")
+    assert f"line {1 + lines.index('# answer first: is 7 skin?')} answer first: is 7 skin?" in found
+    assert "soft_tissue.parameters.c2" in found
+    assert "protocol.depth" not in found
+    assert f"warning: {found}" in call("check", "arm", plugin=None).err.replace("\n", " ")
+    file.write_text(re.sub("#.*", "", text), encoding="utf-8")
+    assert list(unedited_warnings(read_study("arm"))) == []
 
 
 @pytest.mark.parametrize("factor", [0.1, 7.0])

@@ -6,7 +6,6 @@ from palpate.lazy_imports import deferred
 
 if TYPE_CHECKING:
     from palpate.limb.inspection import (
-        ASKED as ASKED,
         guessed_unit as guessed_unit,
         inspected as inspected,
         likely_sets as likely_sets,
@@ -55,6 +54,7 @@ if TYPE_CHECKING:
         triangles_of as triangles_of,
         with_midpoints as with_midpoints,
     )
+    from palpate.study.checks import ASKED as ASKED
 
 if not TYPE_CHECKING:
     __getattr__ = deferred(__name__)

@@ -82,6 +82,7 @@ if TYPE_CHECKING:
         run_study as run_study,
     )
     from palpate.stages.stage import read_run as read_run
+    from palpate.study.checks import unedited_warnings as unedited_warnings
     from palpate.study.display_units import in_units as in_units, unit_factors as unit_factors
     from palpate.study.reading import (
         Study as Study,

@@ -14,6 +14,7 @@ from palpate.experiment.curve_checks import check_sizes, hertz_N, secant_young_M
 from palpate.experiment.measured import read_first
 from palpate.mechanics.homogeneous import MODES, nominal_stress
 from palpate.plugins.catalogue import Plugins
+from palpate.study.checks import MARK
 from palpate.study.reading import Study, read_study
 from palpate.toml_text import toml_value
 from palpate.units import convert
@@ -21,7 +22,7 @@ from palpate.units import convert
 WIDE = 4.0
 """Range of the searched modulus, over its estimate: a thin layer on bone is several times stiffer."""
 
-MARK, HALF_SPACE = "   # CHANGE THIS: ", "   # around a half-space estimate of your force"
+BORROWED, HALF_SPACE = f"   # {MARK}: copied from ", "   # around a half-space estimate of your force"
 
 
 def with_own_ranges(file: Path, plugins: Plugins, ready: str) -> bool:
@@ -30,7 +31,7 @@ def with_own_ranges(file: Path, plugins: Plugins, ready: str) -> bool:
     The first modulus of each region is searched, its others keep their ratio to it, and shape parameters stay
     in the middle of their ranges. What is copied from the ready study has a mark.
     """
-    text, borrowed = file.read_text(encoding="utf-8"), f"{MARK}copied from {ready}"
+    text, borrowed = file.read_text(encoding="utf-8"), f"{BORROWED}{ready}"
     try:
         study = read_study(file, plugins)
         measured = read_first(study)
@@ -139,9 +140,7 @@ def _tables_of_test(study: Study, measured: Response) -> Iterator[tuple[str, str
         found = searched.get(name)
         ends = (every[name],) * 2 if found is None else (found.lower, found.upper)
         lower, upper = (toml_value(_quantity(times * end, p, unit)) for end in ends)
-        ranges = (
-            f"{{ lower = {lower}, upper = {upper} }}   # CHANGE THIS: the ready range, scaled to your stress"
-        )
+        ranges = f"{{ lower = {lower}, upper = {upper} }}   # {MARK}: the ready range, scaled to your stress"
         lines.append(f"{p.name} = {lower if found is None else ranges}")
     yield region.region, "\n".join(lines) + "\n\n"
 

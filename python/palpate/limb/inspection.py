@@ -20,6 +20,7 @@ from palpate.mesh.layers import outer_layer
 from palpate.mesh.topology import CELLS, outer_faces
 from palpate.plugins.interfaces import LimbSource
 from palpate.plugins.optional import InspectedTable, Inspection
+from palpate.study.checks import ASKED
 from palpate.toml_text import toml_value
 
 WORDS: Mapping[str, str] = {
@@ -42,10 +43,6 @@ FIXED = re.compile(
     r"(?i)fix|(?<![a-z])h[eo]ld|support|clamp|encast|anchor"
     r"|(?P<end>cut|base|bottom|schnitt|coupe|corte(?![xz])|taglio|(?<![a-z])ends?(?![a-z]))"
 )
-
-
-ASKED = "answer first"
-"""Beginning of a question that `inspect` and `init` repeat next to the line of the study that it is about."""
 
 
 def guessed_unit(points: FloatArray) -> tuple[str, str]:

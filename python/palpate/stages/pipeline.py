@@ -40,7 +40,7 @@ from palpate.simulation import jobs as simulation
 from palpate.simulation.forecast import Part
 from palpate.stages.core_stages import selected
 from palpate.stages.stage import Run, Stage, in_order, read_run, stages_of, stages_of_run
-from palpate.study.checks import setting_warnings
+from palpate.study.checks import setting_warnings, unedited_warnings
 from palpate.study.reading import Study
 
 
@@ -89,7 +89,8 @@ def check_study(study: Study, plugins: Plugins, earlier: RunDirectory | None = N
         check_fit(study, measured, abscissae_of(plugins.channels))
     of_curves = _measured_warnings(study, measured)
     of_presses = (*limb_warnings(study, limbs), *press_warnings(study, limbs))
-    warnings = (*setting_warnings(study), *of_curves, *of_presses)
+    of_study = (*unedited_warnings(study), *setting_warnings(study))
+    warnings = (*of_study, *of_curves, *of_presses)
     return StudyInputs(measured=measured, limbs=limbs, design=design, warnings=warnings, jobs=jobs)
 
 

@@ -1,5 +1,6 @@
 """Remarks on a study by itself, before any curve is read."""
 
+import re
 from collections.abc import Iterator
 
 import numpy as np
@@ -8,6 +9,29 @@ from palpate.domain import Indentation, Parameter, ParameterSpace, RegionMateria
 from palpate.domain.material import IsotropicMaterial
 from palpate.plugins.guard import answering_for
 from palpate.study.reading import Study
+
+MARK, ASKED = "CHANGE THIS", "answer first"
+"""Words of a written study next to a copied value, and before a question that `inspect` and `init` repeat."""
+
+
+def unedited_warnings(study: Study) -> Iterator[str]:
+    """Warning with every line of the study file that is still marked as another study's, or as open."""
+    if not study.file.is_file():
+        return
+    table, found = "", list[str]()
+    for number, line in enumerate(study.file.read_text(encoding="utf-8").splitlines(), start=1):
+        if header := re.match(r"\s*\[+\s*([^\]#]+?)\s*\]", line):
+            table = f"{header[1]}."
+        value, _, comment = line.partition("#")
+        if MARK in comment:
+            found.append(f"line {number} {table}{value.partition('=')[0].strip()}".rstrip("."))
+        elif ASKED in comment:
+            found.append(f"line {number} {ASKED}{comment.partition(ASKED)[2].rstrip()}")
+    if found:
+        yield (
+            f"{study.file}: not edited yet: {', '.join(found)}; write your values, and remove the words "
+            f"'{MARK}' and '{ASKED}' there"
+        )
 
 
 def setting_warnings(study: Study) -> Iterator[str]:

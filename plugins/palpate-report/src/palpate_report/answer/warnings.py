@@ -20,6 +20,7 @@ from palpate.api.runs import (
     limb_warnings,
     measured_warnings,
     press_warnings,
+    unedited_warnings,
     unranked,
 )
 from palpate_report.answer.failed_checks import apparent, failed_checks, left_out
@@ -263,6 +264,8 @@ def _about_meshes(data: ReportData) -> Iterator[ReportWarning]:
 
 
 def _about_origins(data: ReportData) -> Iterator[ReportWarning]:
+    unedited = unedited_warnings(data.study)
+    yield from _listed("unedited", "Lines of the study are not edited yet", unedited)
     odd = (*measured_warnings(data.measured), *cycle_warnings(data.study, data.measured))
     yield from _listed("odd-curves", "Checks of the measured curves found something unusual", odd)
     of_meshes = limb_warnings(data.study, data.limbs)
