@@ -1,16 +1,18 @@
 """Stress of the fitted material: its slopes at rest, its band, and its units."""
 
 from dataclasses import replace
+from types import SimpleNamespace
 
 import numpy as np
 import polars as pl
 import pytest
 
+from palpate.api import Curve, Response
 from palpate.api.fit import Adequacy, initial_moduli
 from palpate.fit.least_squares import LeastSquares
 from palpate.mechanics.homogeneous import MODES
 from palpate_report.answer.headline import draws_of
-from palpate_report.answer.material import PATHS, material_curves
+from palpate_report.answer.material import PATHS, MaterialCurves, _paths, material_curves, rows_of
 from palpate_report.answer.model_verdict import ModelVerdict
 from palpate_report.sections.fits import MaterialItself
 from palpate_report.testing import small_runs
@@ -51,6 +53,16 @@ def test_the_band_is_that_of_the_draws_and_has_the_fit(fitted):
     stress = tension.stress["all spots"]
     np.testing.assert_allclose(tension.upper[-1], ends[1] * stress[-1], rtol=1e-6)
     np.testing.assert_allclose(tension.lower[-1], ends[0] * stress[-1], rtol=1e-6)
+
+
+def test_the_table_of_a_stretched_specimen_has_the_stress_at_its_labels():
+    stretch = np.linspace(1.0, 7.6, 9)
+    measured = Response(curves={"uniaxial": Curve(channel="uniaxial", abscissa=stretch, ordinate=stretch)})
+    data = SimpleNamespace(study=SimpleNamespace(protocol=None), measured={"p1": measured})
+    for path in _paths(data):
+        every = MaterialCurves(region="specimen", path=path, stress={"p1": 100.0 * path.amounts})
+        for _, _, label, value, *_ in rows_of(every, "p1"):
+            assert float(value) == pytest.approx(100.0 * float(label.split()[-1]))
 
 
 def test_without_draws_there_is_no_band_and_without_a_fit_no_curve(fitted):

@@ -33,6 +33,9 @@ PATHS = (
 )
 """What is drawn of a material."""
 
+SHOWN = {"stretch": (0.7, 0.8, 0.9, 1.1, 1.2, 1.3), "amount of shear": (0.2, 0.4, 0.6)}
+"""Amounts in the table, at each of which the law is evaluated."""
+
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class MaterialCurves:
@@ -67,12 +70,9 @@ def material_curves(data: ReportData, scenario: str) -> Iterator[MaterialCurves]
         every = {fit: _stress(data, region, path, row) / unit for fit, row in found.items()}
         stress = {fit: values for fit, values in every.items() if np.isfinite(values).all()}
         band = np.array([_stress(data, region, path, row) / unit for row in draws])
-        # Quantiles of the band: 95 % of the draws.
-        ends = (
-            np.quantile(band, (0.025, 0.975), axis=0)
-            if band.size and np.isfinite(band).all()
-            else (None, None)
-        )
+        is_known = band.size and np.isfinite(band).all()
+        # 95 % of the draws.
+        ends = np.quantile(band, (0.025, 0.975), axis=0) if is_known else (None, None)
         if stress:
             yield MaterialCurves(region=region.region, path=path, stress=stress, lower=ends[0], upper=ends[1])
 
@@ -84,7 +84,8 @@ def _paths(data: ReportData) -> tuple[Path, ...]:
     curves = (curve for each in data.measured.values() for curve in each.curves.values())
     stretches = [curve.abscissa for curve in curves if curve.channel != "simple_shear"]
     low, high = min([0.7, *map(np.min, stretches)]), max([1.3, *map(np.max, stretches)])
-    return replace(PATHS[0], amounts=np.linspace(low, high, PATHS[0].amounts.size)), *PATHS[1:]
+    amounts = np.union1d(np.linspace(low, high, PATHS[0].amounts.size), SHOWN[PATHS[0].axis])
+    return replace(PATHS[0], amounts=amounts), *PATHS[1:]
 
 
 def _stress(data: ReportData, region: RegionMaterial, path: Path, row: Mapping[str, Any]) -> FloatArray:
@@ -94,10 +95,6 @@ def _stress(data: ReportData, region: RegionMaterial, path: Path, row: Mapping[s
     every = every_value(data.study.space, row, data.factors)
     theta = region.theta({p.name: every[region.name_of(p.name)] for p in region.material.parameters})
     return nominal_stress(region.material, theta, path.mode, path.amounts)
-
-
-SHOWN = {"stretch": (0.7, 0.8, 0.9, 1.1, 1.2, 1.3), "amount of shear": (0.2, 0.4, 0.6)}
-"""Amounts in the table."""
 
 
 def rows_of(curves: MaterialCurves, leads: str) -> Iterator[list[str | None]]:
