@@ -131,6 +131,16 @@ def test_each_cause_has_its_remedy_with_its_share_the_parameter_and_its_setting(
 STATED = dict.fromkeys(("gain", "zero", "friction"), "2 %") | {"layers": 0.2}
 
 
+def test_a_first_contact_that_the_log_shows_is_no_default(fitted):
+    files = {"p1.csv": {"uncertainty": {"depth_mm": 0.02}}}
+    measured = {n: replace(r, record={**r.record, "files": files}) for n, r in fitted.measured.items()}
+    data = because(replace(budgeted(fitted), measured=measured), "onset")
+    assert said(data).startswith(
+        "grip is limited by first contact, as the log shows it: 58 % of its variance"
+    )
+    assert "`[budget] onset` states: 58 %" in said(budgeted(data, onset="1 mm"))
+
+
 def test_a_thickness_that_a_spot_states_is_not_of_the_budget(fitted):
     (first, *others) = fitted.study.spots
     spots = (replace(first, layers_mm={"skin": (1.6, 0.2)}), *others)

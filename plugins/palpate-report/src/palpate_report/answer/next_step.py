@@ -136,6 +136,15 @@ def _basis(data: ReportData, cause: str) -> str:
         return f"{', more than' if _shows_misfit(data) else ' that'} `[budget] discrepancy` states ({stated})"
     if cause == "layers" and any(spot.layers_mm for spot in data.study.spots):
         return " that `[spot.layers]` states"
+    files = (
+        each for response in data.measured.values() for each in response.record.get("files", {}).values()
+    )
+    if (
+        cause in ("onset", "zero")
+        and key not in budget.model_fields_set
+        and any("uncertainty" in f for f in files)
+    ):
+        return ", as the log shows it"
     return f" that `[budget] {key}` {'states' if key in budget.model_fields_set else 'has by default'}"
 
 
