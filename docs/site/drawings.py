@@ -10,6 +10,7 @@ import numpy as np
 import polars as pl
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
+from matplotlib.transforms import Bbox
 
 from palpate import Plugins
 from palpate.run.ledger import Ledger
@@ -346,9 +347,15 @@ def people(_: Path) -> Figure:
     return figure
 
 
-def _box(axis: Axes, x: float, y: float, text: str, colour: str = "white") -> None:
+def _box(axis: Axes, x: float, y: float, text: str, colour: str = "white") -> Bbox:
+    """Place of a text in a box."""
     box = {"boxstyle": "round,pad=0.4", "fc": colour, "ec": "0.3", "lw": 0.7}
-    axis.text(x, y, text, ha="center", va="center", fontsize=7, bbox=box, zorder=3)
+    shown = axis.text(x, y, text, ha="center", va="center", fontsize=7, bbox=box, zorder=3)
+    figure, patch = axis.get_figure(root=True), shown.get_bbox_patch()
+    assert figure is not None
+    assert patch is not None
+    figure.draw_without_rendering()  # boxes have their place once they are drawn
+    return patch.get_window_extent().transformed(axis.transData.inverted())
 
 
 def _arrow(axis: Axes, start: tuple[float, float], end: tuple[float, float], text: str = "") -> None:
@@ -373,22 +380,22 @@ def choose(_: Path) -> Figure:
     """Chart from data to the ready study to start from."""
     figure, axis = _chart(170.0, 105.0)
     questions = (
-        (0.93, "a test of a specimen\n(stress over stretch)?", "treloar, ecoflex"),
-        (0.76, "force over time,\nwith a rest?", "forearm-relaxing"),
-        (0.59, "a slide after the twist,\nfibres of muscle?", "forearm-fibres"),
-        (0.42, "a thickness of skin or fat?", "forearm-layered"),
-        (0.25, "a log of a robot\nand a sensor?", "robot-log"),
-        (0.08, "a scan of a limb,\nand no mesh?", "forearm-real, residual-limb"),
+        ("a test of a specimen\n(stress over stretch)?", "treloar, ecoflex"),
+        ("force over time,\nwith a rest?", "forearm-relaxing"),
+        ("a slide after the twist,\nfibres of muscle?", "forearm-fibres"),
+        ("a thickness of skin or fat?", "forearm-layered"),
+        ("a log of a robot\nand a sensor?", "robot-log"),
+        ("a scan of a limb,\nand no mesh?", "forearm-real, residual-limb"),
+        ("curves and a mesh", "first-press, forearm-demo"),
     )
-    for y, question, study in questions:
-        _box(axis, 0.22, y, question)
-        _box(axis, 0.62, y, study, "#DCEBF7")
-        _arrow(axis, (0.34, y), (0.50, y), "yes")
-        if y > 0.1:
-            _arrow(axis, (0.22, y - 0.04), (0.22, y - 0.13), "no")
-    _box(axis, 0.9, 0.08, "first-press\nforearm-demo", "#DCEBF7")
-    _arrow(axis, (0.75, 0.08), (0.84, 0.08))
-    axis.text(0.90, 0.16, "none: curves\nand a mesh", fontsize=6.5, style="italic", ha="center")
+    above = None
+    for k, (question, study) in enumerate(questions):
+        y = 0.94 - 0.147 * k
+        asked, to = _box(axis, 0.3, y, question), _box(axis, 0.72, y, study, "#DCEBF7")
+        _arrow(axis, (asked.x1, y), (to.x0, y), "yes" if question.endswith("?") else "")
+        if above is not None:
+            _arrow(axis, (0.3, above.y0), (0.3, asked.y1), "no")
+        above = asked
     return figure
 
 
