@@ -18,7 +18,7 @@ ROOT = Path(__file__).parents[2]
 LONGEST_FILE = 500
 LONGEST_FUNCTION = 45
 MOST = {
-    "lines": 77_836,
+    "lines": 77_842,
     "lines of the core": 33_422,
     "classes": 658,
     "constants": 692,
