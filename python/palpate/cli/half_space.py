@@ -24,6 +24,12 @@ WIDE = 4.0
 
 BORROWED, HALF_SPACE = f"   # {MARK}: copied from ", "   # around a half-space estimate of your force"
 
+SEARCHED = """[fit.searched]
+# Skin on plastic: 0.3 to 1.0, by person and humidity. A twist in which the indenter slips identifies it.
+friction = { lower = 0.1, upper = 1.5, prior = { value = 0.7, sd = 0.3 } }
+"""
+"""Table of a study of own presses whose ready study searches nothing else, in no other parametrisation."""
+
 
 def with_own_ranges(file: Path, plugins: Plugins, ready: str) -> bool:
     """Write motion, scenarios and ranges of a study by its measured curves; False where they cannot be read.
@@ -35,7 +41,7 @@ def with_own_ranges(file: Path, plugins: Plugins, ready: str) -> bool:
     try:
         study = read_study(file, plugins)
         measured = read_first(study)
-        text = _with_scenarios(_with_motion(text, measured), study, measured)
+        text = _with_scenarios(_with_motion(text, measured, borrowed), study, measured)
         file.write_text(text, encoding="utf-8")
         study = read_study(file, plugins)
         if isinstance(study.protocol, Indentation):  # a force a thousand times off gives no range
@@ -50,25 +56,47 @@ def with_own_ranges(file: Path, plugins: Plugins, ready: str) -> bool:
     return bool(tables)
 
 
-def _with_motion(text: str, measured: Response) -> str:
-    """Depth and twist of the protocol as the curves have them; no twist without a torque."""
+def _with_motion(text: str, measured: Response, borrowed: str) -> str:
+    """Depth and twist of the protocol as the curves have them.
+
+    Without a torque there is no twist, and friction is not searched.
+    """
     own = {} if TORQUE.name in measured else {"twist": ""}
+    # How well a log knows the depth of its first contact; curves that are processed are as written.
+    depth_error = measured.record.get("uncertainty", {}).get("depth_mm", 0.0)
     if FORCE.name in measured:
-        own["depth"] = f'"{measured[FORCE.name].abscissa.max():.4g} mm"'
+        deepest = measured[FORCE.name].abscissa.max()
+        own["depth"] = f'"{_rounded(deepest, min(depth_error, 0.01 * deepest)):.4g} mm"'
     if TORQUE.name in measured:
         curve = measured[TORQUE.name]
-        turns = [round(float(curve.abscissa[stop - 1]), 2) + 0.0 for _, stop in curve.branches]
+        # A log's turn is known to half of the step between two points of its curve.
+        within = 0.5 * float(np.median(np.abs(np.diff(curve.abscissa)))) if depth_error else 0.005
+        turns = [_rounded(curve.abscissa[stop - 1], within) for _, stop in curve.branches]
         # A curve of more turns is no motion that can be copied.
         if len(turns) <= 6:
             own["twist"] = toml_value([f"{turn:g} deg" for turn in turns])
     mark = "   # as your curves have it\n"
     lines = {name: f"{name} = {value}{mark}" if value else "" for name, value in own.items()}
+    no_twist = f"{borrowed}; without a twist no curve shows it\n"
+    searched = "   # of a sweep alone: the fit searches it, see [fit.searched]\n"
+    friction = (searched if TORQUE.name in measured else no_twist) if SEARCHED in text else ""
+    if TORQUE.name not in measured:
+        text = text.replace(SEARCHED, "")
 
     def table(found: re.Match[str]) -> str:
         keys = r"^(depth|twist) = .*\n"
-        return re.sub(keys, lambda m: lines.get(m[1], m[0]), found[0], flags=re.MULTILINE)
+        moved = re.sub(keys, lambda m: lines.get(m[1], m[0]), found[0], flags=re.MULTILINE)
+        if not friction:
+            return moved
+        return re.sub(r"^(friction = [^#\n]*?) *\n", rf"\1{friction}", moved, flags=re.MULTILINE)
 
     return re.sub(r"^\[protocol\]\n(?:(?!\[).*\n?)*", table, text, flags=re.MULTILINE)
+
+
+def _rounded(value: float, within: float) -> float:
+    """Number of the fewest decimals that is as near to a value as it is known."""
+    near = (round(float(value), n) for n in range(6))
+    return next((each for each in near if abs(each - value) <= within), float(value)) + 0.0
 
 
 def _with_scenarios(text: str, study: Study, measured: Response) -> str:

@@ -33,12 +33,6 @@ The second is for limbs of several materials: skin is neo-Hookean there, all bel
 OF_PRESSES = ("study", "spot", "experiment", "budget", "truth")
 """Tables of a ready study that hold for its own presses alone."""
 
-SEARCHED = """[fit.searched]
-# Skin on plastic: 0.3 to 1.0, by person and humidity. A twist in which the indenter slips identifies it.
-friction = { lower = 0.1, upper = 1.5, prior = { value = 0.7, sd = 0.3 } }
-"""
-"""Table of a study of own presses whose ready study searches nothing else, in no other parametrisation."""
-
 
 def init(
     context: typer.Context,
@@ -186,6 +180,7 @@ def own_study_text(
     found: "Inspection",
 ) -> str:
     """Text of a study of own presses: their files and meshes as inspected, and else a ready study."""
+    from palpate.cli.half_space import SEARCHED
     from palpate.limb.inspection import skin_of
     from palpate.study.reading import parse_toml
 

@@ -256,7 +256,7 @@ def _described(log: RawLog, stream: Stream, proposal: LogGuess) -> dict[str, Any
                 "largest": largest,
                 "n_missing": n_missing,
                 "taken_for": roles.get(column.name),
-                "note": column.note,
+                "note": column.note or "not used" * (column.name in proposal.unused),
             }
             for column, (least, largest, n_missing) in zip(stream.columns.values(), extremes, strict=True)
         ],

@@ -37,7 +37,10 @@ _DOWN: Mapping[str, Any] = {"form": "fixed", "value": [1.0, 0.0, 0.0, 0.0]}
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class LogGuess:
-    """Guesses by quantity, for time by stream; a quantity that was not found is absent."""
+    """Guesses by quantity, for time by stream; a quantity that was not found is absent.
+
+    ``unused`` has the reason why a column of a known quantity is left out, by its name.
+    """
 
     guesses: Mapping[str, Guess]
     time: Mapping[str, Guess]
@@ -48,6 +51,7 @@ class LogGuess:
     skips_missing: bool = False
     repeats_time: bool = False
     ends_in_contact: bool = False
+    unused: Mapping[str, str] = field(default_factory=dict)
     files: Mapping[str, str] | None = None
     clocks: str = "own"
 
@@ -175,9 +179,23 @@ def machine_of(log: RawLog) -> LogGuess | None:
         }
         reason = "machine: depth grows as the tool moves while the force does, and the tissue pushes it back"
         return LogGuess(
-            guesses=guesses, time={stream.name: time}, repeats_time=repeats_time(stream), wrench_reason=reason
+            guesses=guesses,
+            time={stream.name: time},
+            repeats_time=repeats_time(stream),
+            wrench_reason=reason,
+            unused={} if twist else _unused(columns),
         )
     return None
+
+
+def _unused(columns: Sequence[Column]) -> dict[str, str]:
+    """Reason why the moment of a machine without a twist, or its turn, is left out, by the column."""
+    angle, moment = pick(columns, "angle"), pick(columns, "moment")
+    if moment is None:
+        lacks = "no column of torque; add one, or no twist is compared"
+        return {} if angle is None else {angle.column.name: lacks}
+    lacks = "no column of rotation; add one in deg, or no twist is compared"
+    return {moment.column.name: lacks if angle is None else f"{angle.column.name} does not turn"}
 
 
 def _twist_of(log: RawLog, stream: Stream, columns: Sequence[Column]) -> dict[str, Guess]:
@@ -262,10 +280,11 @@ def proposal_of(log: RawLog, guess: LogGuess) -> Proposal:
         for quantity, of in guess.others.items()
         if (free := [one for one in of if taken.isdisjoint(one.names)])
     )
+    unused = (f"{name} is not used: {why}" for name, why in guess.unused.items())
     return Proposal(
         loader="robot_log",
         entries=tuple(_entries(log, guess)),
-        remarks=(*([kind] if is_machine(guess) else []), *checks, *others),
+        remarks=(*([kind] if is_machine(guess) else []), *unused, *checks, *others),
         questions=tuple(_questions(log, guess)),
     )
 
