@@ -105,7 +105,7 @@ def test_init_writes_a_study_of_own_presses(call: Call) -> None:
     for arguments, reason in (
         (("arm", *own), "is not empty"),
         (("leg", *own, "--measured", "try/measured/p1.csv"), "give one of each"),
-        (("leg", *own[:2]), "give one of each"),
+        (("leg", *own[:2]), "p1.csv: a press needs the mesh of its spot; add --mesh MESH"),
         (("leg", *own[:-1], "try/p1.vtu"), "no such file"),
         (("leg", *own, "--wrench", "try/ft.csv"), "ft.csv"),
         (("leg", "--wrench", "try/ft.csv"), "give one of each"),
@@ -174,6 +174,39 @@ def test_init_writes_the_motion_of_a_log_without_its_noise(call: Call, turns: bo
     unused = "Tz [Nmm] is not used: no column of rotation; add one in deg, or no twist is compared"
     assert (unused in found.findings) == (not turns)
     assert {row[-1] for row in found.tables[1].rows if row[1] == "Tz [Nmm]"} == {"" if turns else "not used"}
+
+
+def test_init_makes_a_spot_of_each_specimen(call: Call) -> None:
+    strain = np.linspace(0.0, 1.5, 31)
+    for k, softer in enumerate((1.0, 0.9, 1.1)):
+        rows = (f"{x:.4f},{0.2 * softer * (1.0 + x - (1.0 + x) ** -2):.5f}" for x in strain)
+        Path(f"s{k}.csv").write_text("\n".join(["strain,stress (MPa)", *rows]) + "\n", encoding="utf-8")
+    files = [word for k in range(3) for word in ("--measured", f"s{k}.csv")]
+    assert call("init", "rubber", *files, plugin=None).code == 0
+    study = read_study("rubber")
+    assert study.spot_names == ("s0", "s1", "s2")
+    assert call("check", "rubber", plugin=None).code == 0
+    Path("other.csv").write_text(Path("s0.csv").read_text().replace("strain", "stretch"), encoding="utf-8")
+    Path("shear.csv").write_text(
+        Path("s0.csv").read_text().replace("strain", "amount of shear"), encoding="utf-8"
+    )
+    reasons = {"other.csv": "other columns than s0.csv", "shear.csv": "a test of mode simple_shear"}
+    for file, reason in reasons.items():
+        refused = call("init", "bad", *files, "--measured", file, plugin=None)
+        assert (refused.code, f"{file}: {reason}" in refused.err) == (2, True)
+
+
+def test_a_file_of_force_and_travel_names_the_settings_of_a_specimen(call: Call) -> None:
+    rows = "\n".join(f"{x:.2f},{0.4 * x / (1.0 + 0.02 * x):.4f}" for x in np.linspace(0.0, 60.0, 61))
+    Path("pull.csv").write_text(f"displacement (mm),force (N)\n{rows}\n", encoding="utf-8")
+    refused = call("init", "rubber", "--measured", "pull.csv", plugin=None)
+    assert refused.code == 2
+    for text in (
+        "pull.csv: a press needs the mesh of its spot; add --mesh MESH",
+        'abscissa = { name = "displacement (mm)", scale = 1/L, offset = 1 }',
+        'ordinate = { name = "force (N)", scale = 1/A }',
+    ):
+        assert text in refused.err
 
 
 @pytest.mark.parametrize("factor", [0.1, 7.0])

@@ -20,7 +20,7 @@ def unswept(study):
 def test_the_whole_run_comes_after_the_measured_curves(call, unswept):
     read = call("experiment", unswept)
     assert read.code == 0
-    assert f"run {unswept} --out runs/toy" in read.err
+    assert read.err.endswith(f"run {unswept}\n")
     assert "sample" not in read.err
 
 

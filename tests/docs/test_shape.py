@@ -18,8 +18,8 @@ ROOT = Path(__file__).parents[2]
 LONGEST_FILE = 500
 LONGEST_FUNCTION = 45
 MOST = {
-    "lines": 77_884,
-    "lines of the core": 33_445,
+    "lines": 77_918,
+    "lines of the core": 33_466,
     "classes": 658,
     "constants": 692,
     "long files": 0,

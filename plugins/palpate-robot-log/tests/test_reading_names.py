@@ -298,7 +298,11 @@ def test_a_stiffness_of_no_soft_tissue_is_stated(unit: str, is_odd: bool, tmp_pa
 )
 def test_a_press_that_no_word_shows_is_stated(names: str, is_asked: bool, tmp_path: Path) -> None:
     found = inspect_log(written(tmp_path / "t.csv", f"{names} (mm),Load (N)", STRETCH - 1.0, NOMINAL))
-    assert any("a press is assumed, as the file states no test" in f for f in found.findings) == is_asked
+    remark = next((f for f in found.findings if "a press is assumed, as the file states no test" in f), "")
+    assert bool(remark) == is_asked
+    # The settings of a tension test of the specimen, to fill in.
+    of_specimen = f'abscissa = {{ name = "{names} (mm)", scale = 1/L, offset = 1 }} and ordinate'
+    assert (of_specimen in remark) == is_asked
 
 
 @pytest.mark.parametrize("base", [0.0, 20.0, -20.0])

@@ -93,14 +93,15 @@ def _write_own(
 
     alone = look_into(measured[0], None, session, None) if measured and not (meshes or wrench) else None
     if not (test := alone.test if alone else ""):
-        _check_pairs(measured, meshes)
+        _check_pairs(measured, meshes, alone)
     found = alone or look_into(measured[0], wrench, session, None)
     looks = [_look(session, mesh) for mesh in meshes]
     # The ready study that gives a homogeneous test its solver and material where none is named.
     name = study or ("treloar" if test else FOR_LAYERS if any(map(_tissues, looks)) else FOR_ONE_TISSUE)
     ready = Path(session.plugins.studies[name].directory)
     if test:
-        text = own_test_text(ready, folder, measured, found)
+        others = [look_into(file, None, session, None) for file in measured[1:]]
+        text = own_test_text(ready, folder, measured, [found, *others])
     else:
         text = own_study_text(session, ready, folder, measured, meshes, looks, found)
     check_new(folder)
@@ -120,30 +121,48 @@ def _write_own(
     session.next("check {folder}", folder=folder)
 
 
-def own_test_text(ready: Path, folder: Path, measured: Sequence[Path], found: "Inspection") -> str:
-    """Text of a study of an own homogeneous test, which has no mesh; a StudyError for several files."""
+def own_test_text(ready: Path, folder: Path, measured: Sequence[Path], looks: Sequence["Inspection"]) -> str:
+    """Text of a study of own homogeneous tests of one mode, which have no mesh: a spot for each specimen.
+
+    A StudyError where a file has another mode than the first one, or other columns.
+    """
     from palpate.study.reading import parse_toml
 
-    if len(measured) > 1:
-        raise StudyError(
-            f"{len(measured)} files with --measured and no --mesh; give one homogeneous test, and "
-            "name the others by their modes under measured"
-        )
-    file = json.dumps(_from(folder, measured[0]), ensure_ascii=False)
-    own = [
-        f'[study]\nname = {json.dumps(_name_of(folder.resolve().name))}\ndata = "measured"\n',
-        f'[[spot]]\nname = "specimen"\nmeasured = {{ {found.test} = {file} }}\n',
-    ]
+    found, tables = looks[0], [each.study_text.partition("[experiment]")[2] for each in looks]
+    for file, each, table in zip(measured, looks, tables, strict=True):
+        if each.test != found.test:
+            raise StudyError(
+                f"{file}: {f'a test of mode {each.test}' if each.test else 'no homogeneous test'}, and "
+                f"{measured[0]} is of mode {found.test}; give files of one mode, and name a file of another "
+                "mode in measured of its specimen"
+            )
+        if table != tables[0]:
+            raise StudyError(f"{file}: other columns than {measured[0]}; give files with the same columns")
+    names = [_name_of(file.stem) for file in measured] if len(measured) > 1 else ["specimen"]
+    if len(set(names)) < len(names):
+        names = [f"s{k}" for k in range(1, len(names) + 1)]
+    own = [f'[study]\nname = {json.dumps(_name_of(folder.resolve().name))}\ndata = "measured"\n']
+    for name, path in zip(names, measured, strict=True):
+        file_text = json.dumps(_from(folder, path), ensure_ascii=False)
+        own.append(f'[[spot]]\nname = "{name}"\nmeasured = {{ {found.test} = {file_text} }}\n')
     # Tables of a ready study that hold for its own homogeneous tests alone, besides `OF_PRESSES`.
-    tables = _tables_of(
-        parse_toml(ready / "study.toml")[0], (*OF_PRESSES, "scoring", "selection", "scenario")
-    )
+    kept = _tables_of(parse_toml(ready / "study.toml")[0], (*OF_PRESSES, "scoring", "selection", "scenario"))
     weights = f'[[scenario]]\nname = "test"\nweights = {{ {found.test} = 1.0 }}\n'
-    return "\n".join([*own, found.study_text, *tables, '[selection]\nscenarios = ["test"]\n', weights])
+    return "\n".join([*own, found.study_text, *kept, '[selection]\nscenarios = ["test"]\n', weights])
 
 
-def _check_pairs(measured: Sequence[Path], meshes: Sequence[Path]) -> None:
-    """Refuse anything but one mesh that is there for each file of curves that is there."""
+def _check_pairs(measured: Sequence[Path], meshes: Sequence[Path], alone: "Inspection | None") -> None:
+    """Refuse anything but one mesh that is there for each file of curves that is there.
+
+    ``alone`` is the inspection of a first file without a mesh.
+    """
+    if alone is not None:
+        remarks = (text.partition("; of a specimen")[2] for text in alone.findings)
+        specimen = next(filter(None, remarks), ", give strain and stress")
+        raise StudyError(
+            f"{measured[0]}: a press needs the mesh of its spot; add --mesh MESH. A specimen needs no mesh: "
+            f"of a specimen{specimen}"
+        )
     if not measured or len(measured) != len(meshes):
         raise StudyError(
             f"{len(measured)} files with --measured and {len(meshes)} with --mesh; give one of each for "

@@ -10,7 +10,7 @@ import typer
 
 from palpate.cli.options import AsJson, OutFolder, StudyOrRun, TrustPlugins, examples
 from palpate.cli.progress import StageProgress
-from palpate.cli.session import Session, opened
+from palpate.cli.session import Session, opened, run_folder
 from palpate.errors import NothingSelectableError, StudyError
 
 if TYPE_CHECKING:
@@ -65,7 +65,9 @@ def stage_command(name: str, help_text: str) -> Callable[..., None]:
 def show_next(session: Session, run: "Run", name: str, study: Path) -> None:
     """Print where a stage has written its results, and the command to call next."""
     folder, step = run.directory.folder, _command_after(run, name)
-    session.next(f"{step} {{study}} --out {{out}}", f"written to {folder}; ", study=study, out=folder)
+    is_default = folder in (study, run_folder(run.study, None))
+    out = "" if is_default else " --out {out}"
+    session.next(f"{step} {{study}}{out}", f"written to {folder}; ", study=study, out=folder)
 
 
 def _command_after(run: "Run", name: str) -> str:

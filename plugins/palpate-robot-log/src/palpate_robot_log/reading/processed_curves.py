@@ -1,5 +1,6 @@
 """Curves and homogeneous tests that are no log, recognised by their columns and proposed for their loader."""
 
+import json
 from collections.abc import Iterator, Mapping, Sequence, Set
 from dataclasses import replace
 from itertools import pairwise
@@ -235,13 +236,25 @@ def _column(one: Picked, times: float = 1.0, offset: float = 0.0) -> str | dict[
     return one.column.name if len(entry) == 1 else entry
 
 
+def _or_specimen(travel: Picked, force: Picked) -> str:
+    """Remark on an assumed press, with the settings that read the file as a tension test of a specimen."""
+    names = (json.dumps(one.column.name, ensure_ascii=False) for one in (travel, force))
+    factors = (f"{one.factor or 1.0:g}" for one in (travel, force))
+    (abscissa, ordinate), (way, load) = names, factors
+    return (
+        "a press is assumed, as the file states no test; of a specimen of length L mm and cross-section "
+        f"A mm², write under [experiment.settings.channels.uniaxial] abscissa = {{ name = {abscissa}, "
+        f"scale = {way}/L, offset = 1 }} and ordinate = {{ name = {ordinate}, scale = {load}/A }}, "
+        "each quotient as a number"
+    )
+
+
 def _placed(depth: Picked, force: Picked) -> tuple[dict[str, Any], list[str]]:
     """Columns of the force over a depth that begins at 0 and grows, and of a force that pushes back."""
     is_there = np.isfinite(depth.column.values) & np.isfinite(force.column.values)
     x, y = depth.column.values[is_there], force.column.values[is_there]
-    press = "a press is assumed, as the file states no test; of a specimen give stress and strain"
     is_depth = bool(WORDS["depth"] & {*words_of(depth.column.name)})
-    remarks = [] if is_depth else [f"check {depth.column.name}: {press}"]
+    remarks = [] if is_depth else [f"check {depth.column.name}: {_or_specimen(depth, force)}"]
     if x.size < 2 or not np.ptp(x) or not np.ptp(y):
         return {"abscissa": _column(depth), "ordinate": _column(force)}, remarks
     farthest = int(np.argmax(np.abs(x - x[0])))
