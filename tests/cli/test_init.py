@@ -12,7 +12,7 @@ from palpate.cli.experiment import look_into
 from palpate.cli.init import own_study_text
 from palpate.cli.limb import look_into_mesh
 from palpate.cli.session import Session
-from palpate.errors import StudyError
+from palpate.errors import PluginError, StudyError
 from palpate.experiment.measured import load_measured
 from palpate.limb.loading import load_limbs, press_warnings
 from palpate.plugins.catalogue import Plugins
@@ -370,7 +370,9 @@ def test_a_tie_follows_the_region_that_took_the_place_of_a_ready_one(call: Call,
         read_study("own")
 
 
-def test_first_contact_of_a_sphere_on_skin_has_a_law_of_its_own(call: Call, tmp_path: Path) -> None:
+def test_first_contact_of_a_sphere_on_skin_has_a_law_of_its_own(
+    call: Call, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
     """A robot's log on skin; on two tissues without skin, at two spots of which one is alike, by a punch."""
     call("init", "logs", "--study", "robot-log", plugin=None)
     call("init", "try", "--study", "forearm-layered", plugin=None)
@@ -405,6 +407,9 @@ def test_first_contact_of_a_sphere_on_skin_has_a_law_of_its_own(call: Call, tmp_
         Path("skin/study.toml").write_text(text, encoding="utf-8")
         own = read_study("skin")
         warned.append([*press_warnings(own, load_limbs(own, to_show=True))])
+    monkeypatch.setattr(type(own.loader_at(own.spot_names[0])), "press_warnings", lambda *_, **__: 1 / 0)
+    with pytest.raises(PluginError, match="checking the press: 'robot_log'"):
+        list(press_warnings(own, load_limbs(own, to_show=True)))
     assert warned[0] == []
     assert "Set exponent = 1.3 under [experiment.settings.onset]" in warned[1][0]
     assert tomllib.loads(onsets["skin"])["experiment"]["settings"]["onset"] == {"exponent": 1.3}

@@ -92,4 +92,5 @@ def test_what_the_budget_explains_is_no_misfit_of_the_model():
     )
     found = missed(residuals, rows, jacobian, with_cause, known)[0]
     assert (found.unexplained < 0.01, found.cause) == (True, "known")
+    assert missed(residuals, rows, jacobian, with_cause, 1e-5 * known)[0].cause is None
     assert missed(residuals, rows, jacobian, without)[0].unexplained > 0.01

@@ -167,6 +167,9 @@ def test_a_ranking_is_shown_in_percent_with_units():
     assert shown.columns == ["press", "spot", "protocol", "error", "c1", "c2", "force (N)"]
     assert shown.row(0)[3:] == ("80 %", "80 %", "98 %", "12.3")
     assert not_narrowed(ranking) == ["skin.c2"]
+    both = ranking.with_columns(peak_sum=pl.lit(1.0), peak_other=pl.lit(2.0))
+    alike = shown_ranking(both, {"force": "force (N)", "sum": "force (N)"})
+    assert alike.columns[-3:] == ["force: force (N)", "sum: force (N)", "other"]
     two = ranking.rename({"width_skin.c2": "width_fat.c1"})
     assert {"skin.c1", "fat.c1"} < set(shown_ranking(two, {"force": "force (N)"}).columns)
 

@@ -219,7 +219,8 @@ def press_warnings(study: Study, limbs: Mapping[str, Limb]) -> Iterator[str]:
         loader, protocol = study.loader_at(name), study.protocol_at(name)
         if name in limbs and isinstance(loader, PressChecker) and isinstance(protocol, Indentation):
             is_on_skin = skin_of(limbs[name]) is not None
-            found = loader.press_warnings(protocol.indenter.name, is_on_skin=is_on_skin)
+            with answering_for(loader, "checking the press"):
+                found = [*loader.press_warnings(protocol.indenter.name, is_on_skin=is_on_skin)]
             yield from (f"spot '{name}': {text}" for text in found)
 
 

@@ -206,7 +206,7 @@ ASSESSED = MappingProxyType(
                 "difference": TableColumn("Largest difference from the channel over its peak; null for all."),
                 "r2": TableColumn("Least R² of a spot at the reported values; null for all."),
                 "explained_by": TableColumn(
-                    "Error source that explains most of it; null for all.", pl.String
+                    "Stated error that explains most of it; null for none.", pl.String
                 ),
                 "visible": TableColumn(
                     "Discrepancy of a law, as a standard deviation over the peak, that nine of ten such "

@@ -76,14 +76,14 @@ class Misfit:
     unexplained : float
         The most of a difference that is left by the error budget, and by three standard deviations of the
         noise, over the peak.
-    cause : str
-        Known error source that explains most of it.
+    cause : str, optional
+        Known error source that explains at least half of the largest difference.
     """
 
     row: int
     share: float
     unexplained: float
-    cause: str
+    cause: str | None
 
 
 def misfits(points: LinearProblem, linear: LinearProblem, errors: ResidualErrors) -> dict[int, Misfit]:
@@ -123,9 +123,17 @@ def misfits(points: LinearProblem, linear: LinearProblem, errors: ResidualErrors
             if of.size
         )
         row, largest = int(at[np.argmax(share)]), float(share.max())
-        cause = max(by_cause, key=lambda name: by_cause[name][group[row]] * residuals[row])
+        parts = {name: float(part[group[row]]) for name, part in by_cause.items()}
+        cause = _most_of(float(averaged[group[row]]), parts)
         found[channel] = Misfit(row=row, share=largest, unexplained=float(max(0.0, *most)), cause=cause)
     return found
+
+
+def _most_of(whole: float, parts: Mapping[str, float]) -> str | None:
+    """Name of the part that leaves least of the whole, if that is less than the part itself."""
+    left = {name: abs(whole - part) for name, part in parts.items()}
+    name = min(left, key=left.__getitem__)
+    return name if left[name] < abs(parts[name]) else None
 
 
 def shape_of(linear: LinearProblem, errors: ResidualErrors) -> tuple[float, dict[int, float]]:

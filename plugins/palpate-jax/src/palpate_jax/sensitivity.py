@@ -208,9 +208,9 @@ class Sensitivity:
         tolerance: float,
         penalty_per_mm: float | None = None,
     ) -> None:
-        # Residual of the linear systems. At a tolerance of 1e-4 slopes in moduli err by up to 1e-3 of the
-        # largest; in contact compliance and depth, which matter little, by up to 5e-3 and 2e-2.
-        self._accuracy = max(2.0 * tolerance, 1e-8)
+        # Residual of the linear systems. At 2e-4 slopes in moduli err by up to 1e-3 of the largest, in the
+        # contact's compliance by 5e-3, in the depth by 2e-2.
+        self._accuracy = min(max(2.0 * tolerance, 1e-8), 2e-4)
         own = [(region, k, p.name) for region in thetas for k, p in enumerate(materials[region].parameters)]
         self._names = (*(str(ParameterName(region, name)) for region, _, name in own), FRICTION, COMPLIANCE)
         self._names += () if penalty_per_mm is None else (DEEPER,)

@@ -127,12 +127,12 @@ class ExpectedError:
     def rms(self, along: FloatArray) -> FloatArray:
         """Root mean square error (n,) of combinations (n, n_parameters): √(variance + bias²).
 
-        The variance is that by all other causes, so that the mesh counts once. It is of normal densities with
+        The variance is that by all other causes, so that the mesh counts once, and of normal densities with
         the same 95 % intervals, as :attr:`sds` are.
         """
-        variance = np.sum(along @ self.covariance * along, axis=1)
-        more = self.mesh_bias(along) ** 2 - np.sum((along @ self.by_meshes) ** 2, axis=1)
-        found: FloatArray = wider(self.freedom) * np.sqrt(variance + more)
+        of_meshes = np.sum((along @ self.by_meshes) ** 2, axis=1)
+        others = np.maximum(np.sum(along @ self.covariance * along, axis=1) - of_meshes, 0.0)
+        found: FloatArray = np.sqrt(wider(self.freedom) ** 2 * others + self.mesh_bias(along) ** 2)
         return found
 
 

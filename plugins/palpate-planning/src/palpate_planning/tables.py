@@ -167,8 +167,11 @@ def shown_ranking(ranking: pl.DataFrame, labels: Mapping[str, str]) -> pl.DataFr
     shown = [pl.col("press"), pl.col("spot"), pl.col("protocol")]
     shown.append(_text("error", _percent))
     shown += [_text(f"{WIDTH}{name}", _percent).alias(short) for name, short in brief.items()]
-    peaks = {name: labels[name.removeprefix(PEAK)] for name in ranking.columns if name.startswith(PEAK)}
-    shown += [_text(name, "{:.3g}".format).alias(label) for name, label in peaks.items()]
+    channels = [name.removeprefix(PEAK) for name in ranking.columns if name.startswith(PEAK)]
+    heads = [labels.get(channel, channel) for channel in channels]
+    for channel, head in zip(channels, heads, strict=True):
+        label = head if heads.count(head) == 1 else f"{channel}: {head}"
+        shown.append(_text(f"{PEAK}{channel}", "{:.3g}".format).alias(label))
     return ranking.select(shown)
 
 

@@ -86,7 +86,7 @@ def card(
     program: Annotated[
         str,
         typer.Option(
-            "--for", metavar="PROGRAM", help="febio, abaqus, ansys or json.", autocompletion=_programs
+            "--for", metavar="PROGRAM", help="febio, abaqus, ansys, json, text.", autocompletion=_programs
         ),
     ] = "",
     region: Annotated[

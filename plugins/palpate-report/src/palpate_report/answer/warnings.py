@@ -118,9 +118,8 @@ def _about_poor_fit(data: ReportData) -> Iterator[ReportWarning]:
         if data.study.protocol is None
         else "The material law, the mesh or the contact may be wrong for this press."
     )
-    yield from _by_scenario(
-        data, "poor-fit", "{n} of the best fits {is} poor", poor, f"{why}{_explained(data)}"
-    )
+    for warning in _by_scenario(data, "poor-fit", "{n} of the best fits {is} poor", poor, why):
+        yield warning if warning.is_note else replace(warning, why=f"{warning.why}{_explained(data)}")
 
 
 def _explained(data: ReportData) -> str:
@@ -129,10 +128,11 @@ def _explained(data: ReportData) -> str:
     if "explained_by" not in checks.columns:  # tables of earlier runs have none
         return ""
     far = (pl.col("verdict") == Adequacy.DESCRIBES.value) & (pl.col("r2") < THRESHOLDS.good_r2)
+    checks = checks.filter(far).drop_nulls("explained_by")
     return "".join(
         f" The {in_words(row['channel'])} differs by {100.0 * row['difference']:.2g} % of its peak, within "
         f"the stated errors, mostly by {cause_name(data, row['explained_by'])}; check it first."
-        for row in checks.filter(far).iter_rows(named=True)
+        for row in checks.iter_rows(named=True)
     )
 
 
