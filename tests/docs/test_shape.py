@@ -18,8 +18,8 @@ ROOT = Path(__file__).parents[2]
 LONGEST_FILE = 500
 LONGEST_FUNCTION = 45
 MOST = {
-    "lines": 77_918,
-    "lines of the core": 33_466,
+    "lines": 77_930,
+    "lines of the core": 33_467,
     "classes": 658,
     "constants": 692,
     "long files": 0,
