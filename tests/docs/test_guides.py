@@ -30,6 +30,7 @@ from palpate.experiment.curve_checks import (
     ODD_LEVERS,
     SIZES,
 )
+from palpate.limb.loading import load_limbs
 from palpate.mesh.specimens import block
 from palpate.plugins.catalogue import Plugins
 from palpate.plugins.registry import add_commands
@@ -221,6 +222,19 @@ def test_the_guide_on_curves_is_so(tmp_path, monkeypatch, capsys):
     (example,) = re.findall(r"```\n(depth_mm.*?)```", text, flags=re.DOTALL)
     Path("example.csv").write_text(example)
     assert len(CsvLoader().load(Path("example.csv"))["torque"].branches) == 3
+
+
+def test_the_block_of_the_guide_on_meshes_is_a_limb_to_press(tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    (recipe,) = re.findall(r"```python\n(.*?)```", text_of(ROOT / "docs" / "meshes.md"), flags=re.DOTALL)
+    exec(recipe, {})
+    assert call("palpate init --study forearm-demo arm") == 0
+    assert call("palpate init silicone --measured arm/measured/p1.csv --mesh block.vtu") == 0
+    limb = load_limbs(read_study(tmp_path / "silicone", Plugins.load()))["block"]
+    size = np.ptp(limb.mesh.points_mm, axis=0)
+    assert (size.tolist(), limb.mesh.regions) == ([120.0, 120.0, 60.0], ("soft_tissue",))
+    heights = {name: {*limb.mesh.points_mm[nodes, 2]} for name, nodes in limb.mesh.node_sets.items()}
+    assert heights == {"fixed": {-60.0}, "contact": {0.0}}
 
 
 def test_the_limits_in_the_guide_on_curves_are_those_of_the_checks():

@@ -5,6 +5,7 @@ from typing import TYPE_CHECKING
 from palpate.api import deferred
 
 if TYPE_CHECKING:
+    from palpate_limb.limb_files import write_limb as write_limb
     from palpate_limb.surfaces import read_surface as read_surface
 
 if not TYPE_CHECKING:
