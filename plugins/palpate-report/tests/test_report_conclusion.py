@@ -194,7 +194,7 @@ def test_a_poor_fit_is_named_with_its_channel(content):
     poor = replace(made, selection=made.selection.with_columns(r2_torque=pl.lit(0.5)))
     found = conclusion(poor)
     (warning,), (note,) = ([w for w in of if "poor" in w.what] for of in (found.warnings, found.notes))
-    assert (warning.what, note.what) == ("2 of the best fits are poor",) * 2
+    assert (warning.what, note.what) == ("2 fits are poor",) * 2
     assert "p1, scenario I: torque R² 0.500; p2, scenario I: torque R² 0.500" in warning.why
     assert "p1, scenario II: torque R² 0.500; p2, scenario II: torque R² 0.500" in note.why
     assert "within the stated errors" not in warning.why
@@ -207,7 +207,7 @@ def test_a_poor_fit_is_named_with_its_channel(content):
     }
     checks = pl.DataFrame([{**row, "difference": 0.211, "r2": 0.94, "explained_by": "friction"}])
     explained = replace(poor, fit=replace(poor.fit, adequacy=checks))
-    text = about(explained, "best fits are poor")
+    text = about(explained, "fits are poor")
     assert (
         "The torque differs by 21 % of its peak, within the stated errors, mostly by friction; check" in text
     )
@@ -267,7 +267,7 @@ def test_a_set_that_does_not_fit_is_reported_first_instead_of_parameters(content
     )
     assert found.sentences == (found.lead,)
     assert "stiffness" not in found.lead
-    first = "1 of the best sets does not fit. p2, scenario I: torque R² -5.68e+05."
+    first = "1 best set does not fit. p2, scenario I: torque R² -5.68e+05."
     assert str(found.warnings[0]).startswith(first)
     one = pl.col("spot") == "p2"
     alone = replace(

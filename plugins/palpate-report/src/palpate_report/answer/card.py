@@ -1,12 +1,12 @@
 """The first card of the page: what was found, how sure it is, and what it rests on."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 
 from palpate.api import ParameterName, ParameterSpace
 from palpate.api.fit import EFFECTIVE, MODULI, THRESHOLDS
 from palpate.api.report import ReportWarning, shown
-from palpate_report.answer.headline import between_spots
+from palpate_report.answer.headline import between_spots, least_fopt
 from palpate_report.answer.law import laws_of, searched_laws
 from palpate_report.answer.model_verdict import least_r2
 from palpate_report.answer.next_step import cause_name
@@ -34,6 +34,8 @@ class SummaryCard:
         Values of what leads.
     cut : mapping of parameter to str
         End of its interval that is an end of the search range.
+    least : str
+        Values of the least Fopt next to the intervals; empty without intervals.
     warnings : tuple of ReportWarning
         The most severe ones.
     is_sure : bool
@@ -45,6 +47,7 @@ class SummaryCard:
     laws: Mapping[str, str]
     lines: tuple[Headline, ...]
     cut: Mapping[str, str]
+    least: str
     warnings: tuple[ReportWarning, ...]
     facts: tuple[tuple[str, str], ...]
     is_sure: bool
@@ -69,11 +72,18 @@ def answer(data: ReportData, conclusion: Conclusion) -> SummaryCard:
         about=f"{by}, {fitted}",
         laws=laws_of(data.study.space),
         cut={} if conclusion.failure else cut_ends(data, conclusion.estimates),
+        least=least_fopt(data, conclusion.estimates),
         warnings=conclusion.warnings[:IN_THE_OPEN],
-        lines=(*conclusion.estimates, *conclusion.moduli),
+        lines=(*conclusion.estimates, *_besides(conclusion)),
         facts=tuple((name, text) for name, text in facts.items() if text),
         is_sure=any(value.level for each in conclusion.bests for value in each.values),
     )
+
+
+def _besides(conclusion: Conclusion) -> Iterator[Headline]:
+    """Initial moduli that are not one of the parameters already."""
+    known = {(each.text, each.interval) for each in conclusion.estimates}
+    yield from (each for each in conclusion.moduli if (each.text, each.interval) not in known)
 
 
 def sentence(data: ReportData, conclusion: Conclusion) -> str:
@@ -120,7 +130,8 @@ def cut_ends(data: ReportData, estimates: Sequence[Headline]) -> dict[str, str]:
     """Text on each interval that an end of the search range cuts off, by parameter."""
     found = {}
     for each in estimates:
-        searched = data.searched.get(ParameterName.parse(each.name).shared) if each.name else None
+        ranges = data.searched | data.widened
+        searched = ranges.get(ParameterName.parse(each.name).shared) if each.name else None
         if searched is None or each.lower is None or each.upper is None:
             continue
         # Share of the search range within which an end of an interval is an end of the range.

@@ -1,6 +1,7 @@
 """Reported values against true ones, and the verdict of the answer on each value of a table."""
 
 from collections.abc import Mapping, Sequence
+from dataclasses import replace
 
 import polars as pl
 
@@ -8,7 +9,7 @@ from palpate.api import ParameterName
 from palpate.api.fit import ALL_SPOTS, FIT, NOT, REFUSED, TIED, UNCLEAR, Adequacy, mark_of, verdict_of
 from palpate.api.report import rounded
 from palpate_report.answer.model_verdict import model_verdict
-from palpate_report.data.marks import Headline, with_unit
+from palpate_report.data.marks import Headline, small_unit, with_unit
 from palpate_report.data.report_data import ReportData
 
 
@@ -40,18 +41,31 @@ def _holds(value: Headline, truth: float) -> bool:
     return value.lower <= truth <= value.upper
 
 
+def least_fopt(data: ReportData, estimates: Sequence[Headline]) -> str:
+    """Sentence on the values of the least Fopt next to the reported ones; empty without 95 % intervals."""
+    (row,) = data.leading_rows(data.fit.table).head(1).to_dicts() or [{}]
+    texts = []
+    for each in estimates:
+        if each.level and row.get(each.name) is not None:
+            least = replace(each, value=row[each.name])
+            known = f"{each.text}, 95 % interval {each.interval}"
+            inside = "" if least.is_in_interval else f", outside (reported {with_unit(known, each.unit)})"
+            texts.append(f"{each.parameter} = {with_unit(least.text, each.unit)}{inside}")
+    return f"The least Fopt, with the scenario's weights, is at {'; '.join(texts)}." if texts else ""
+
+
 def between_spots(data: ReportData) -> str:
     """Sentence on spots that differ: spread and own values of each parameter; empty where none do."""
     rows = data.leading_rows(data.table("between_spots")).to_dicts()
     found = []
     for row in rows:
-        ends = {key: row[key] for key in ("unit", "lower", "upper")}
-        text = str(Headline(parameter=data.brief_name(row["parameter"]), value=row["sd"], **ends))
+        factor, unit = small_unit(row["unit"], row["upper"])
+        ends = {"unit": unit, "lower": factor * row["lower"], "upper": factor * row["upper"]}
+        name = data.brief_name(row["parameter"])
+        text = str(Headline(parameter=name, value=factor * row["sd"], **ends))
         same = data.fit.intervals.filter(scenario=row["scenario"], parameter=row["parameter"])
-        own = sorted(same.filter(pl.col("fit") != row["fit"])["value"])
-        found.append(
-            text + (f", spots {with_unit(f'{own[0]:.3g} to {own[-1]:.3g}', row['unit'])}" if own else "")
-        )
+        own = sorted(factor * same.filter(pl.col("fit") != row["fit"])["value"])
+        found.append(text + (f", spots {with_unit(f'{own[0]:.3g} to {own[-1]:.3g}', unit)}" if own else ""))
     sd = "standard deviation between spots (95 % interval)"
     return f"they differ, {sd}: {'; '.join(found)}" if found else ""
 

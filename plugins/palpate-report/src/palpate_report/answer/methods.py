@@ -8,7 +8,7 @@ from palpate.api.runs import FINE
 from palpate_report.answer.law import law_name
 from palpate_report.answer.model_verdict import NO_PARAMETERS
 from palpate_report.answer.next_step import cause_name
-from palpate_report.data.marks import Headline, in_words, with_minus, with_unit
+from palpate_report.data.marks import Headline, in_words, range_of, with_minus, with_unit
 from palpate_report.data.report_data import ReportData
 
 
@@ -90,8 +90,10 @@ def _materials(data: ReportData) -> Iterator[str]:
             f"The {in_words(region.region)} was modelled as {law_name(region.material)} "
             f"({region.convention} coefficients){kept}."
         )
-    ranges = (with_unit(f"{p.name} {p.lower:.4g} to {p.upper:.4g}", p.unit) for p in data.searched.values())
-    yield f"The search ranges were {', '.join(ranges)}."
+    yield f"The search ranges were {', '.join(map(range_of, (data.searched | data.widened).values()))}."
+    if data.widened:
+        before = ", ".join(range_of(data.searched[name]) for name in data.widened)
+        yield f"The search began with narrower ranges, {before}, and widened them."
 
 
 def assumed(data: ReportData, region: RegionMaterial) -> Iterator[str]:

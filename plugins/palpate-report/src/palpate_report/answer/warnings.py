@@ -26,7 +26,7 @@ from palpate.api.runs import (
 from palpate_report.answer.failed_checks import apparent, failed_checks, left_out
 from palpate_report.answer.next_step import cause_name
 from palpate_report.data.best import Best
-from palpate_report.data.marks import in_words
+from palpate_report.data.marks import in_words, range_of
 from palpate_report.data.report_data import ReportData
 from palpate_report.data.tables import cost_of_one_set, finding
 
@@ -63,7 +63,7 @@ def report_warnings(
         why = f"{first}So far: {data.unfinished}. The page shows the best of the simulations so far."
         yield warn("unfinished", "The run has not ended", why)
     wrong = [(name, f"{fit} R² {at:.3g}") for name, fit, at in _r2(data, -inf, THRESHOLDS.no_fit_r2)]
-    yield from _by_scenario(data, "no-fit", "{n} of the best sets {do} not fit", wrong, CHECK)
+    yield from _by_scenario(data, "no-fit", "{n} best {set} {do} not fit", wrong, CHECK)
     yield from _about_adequacy(data)
     yield from _about_truth(missed)
     if sentence := apparent(data):
@@ -118,7 +118,7 @@ def _about_poor_fit(data: ReportData) -> Iterator[ReportWarning]:
         if data.study.protocol is None
         else "The material law, the mesh or the contact may be wrong for this press."
     )
-    for warning in _by_scenario(data, "poor-fit", "{n} of the best fits {is} poor", poor, why):
+    for warning in _by_scenario(data, "poor-fit", "{n} {fit} {is} poor", poor, why):
         yield warning if warning.is_note else replace(warning, why=f"{warning.why}{_explained(data)}")
 
 
@@ -168,10 +168,11 @@ def _by_scenario(
 ) -> Iterator[ReportWarning]:
     """Warn of texts of the reported scenario, and note texts of others; each is given with its scenario.
 
-    ``what`` may have ``{n}``, the number of texts, and a verb with it: ``{is}``, ``{has}`` or ``{do}``.
+    ``what`` may have ``{n}``, the number of texts, and words with it, such as ``{is}`` or ``{fit}``.
     """
     every = list(found)
-    one, several = {"is": "is", "has": "has", "do": "does"}, {"is": "are", "has": "have", "do": "do"}
+    one = {"is": "is", "has": "has", "do": "does", "fit": "fit", "set": "set"}
+    several = {"is": "are", "has": "have", "do": "do", "fit": "fits", "set": "sets"}
     for is_note in (False, True):
         texts = [text for name, text in every if (name != data.generalising.name) == is_note]
         heading = what.format_map({"n": len(texts)} | (one if len(texts) == 1 else several))
@@ -425,8 +426,8 @@ def _about_failures(data: ReportData) -> Iterator[ReportWarning]:
 def _about_simulations(data: ReportData) -> Iterator[ReportWarning]:
     messages = [part for row in data.fit.ends.iter_rows(named=True) for part in row["message"].split("; ")]
     known = (m for m in messages if m not in ("converged", UNSETTLED) and not m.startswith((UNSEEN, WIDENED)))
-    widened = dict.fromkeys(m for m in messages if m.startswith(WIDENED))
-    yield from _listed("range-widened", "A range was widened", widened)
+    wider = (f"{range_of(p)} (study: {range_of(data.searched[name])})" for name, p in data.widened.items())
+    yield from _listed("range-widened", "A range was widened", wider)
     ended = () if data.unfinished else dict.fromkeys(known)
     yield from _listed("not-converged", "Not every search converged", ended)
     failed = [row for row in data.verification.iter_rows(named=True) if not row["passed"]]

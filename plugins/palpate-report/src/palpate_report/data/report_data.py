@@ -1,5 +1,6 @@
 """Data that a report is made of, and how the simulations of its sweep ended."""
 
+import re
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
@@ -29,6 +30,7 @@ from palpate.api.fit import (
     ALL_SPOTS,
     MODULUS,
     PARAMETER,
+    WIDENED,
     FitResult,
     Results,
     answer_table,
@@ -230,6 +232,17 @@ class ReportData:
     def searched(self) -> dict[str, Parameter]:
         """:attr:`brief`, and what a fit has searched besides, such as friction."""
         return searched_parameters(self.study, self.design, self.fit) | self.brief
+
+    @cached_property
+    def widened(self) -> dict[str, Parameter]:
+        """Parameters by full name whose ranges the fit that leads has widened, with these ranges."""
+        found, pattern = {}, rf"{WIDENED} (\S+) widened from \S+ to ([^\s…]+)…(\S+)"
+        for message in self.leading_rows(self.fit.table).select("message").unique().to_series():
+            for name, lower, upper in re.findall(pattern, message):
+                shared = ParameterName.parse(name).shared
+                low, high = (self.factors.get(shared, 1.0) * float(end) for end in (lower, upper))
+                found[shared] = replace(self.searched[shared], lower=low, upper=high)
+        return found
 
     @cached_property
     def answer(self) -> pl.DataFrame:

@@ -9,7 +9,7 @@ from palpate.api.fit import ALL_SPOTS, Adequacy, mark_of
 from palpate.api.runs import Completeness, by_reason, failures, unranked
 from palpate_report.data.best import weighted_channels
 from palpate_report.data.display_units import shared_names
-from palpate_report.data.marks import in_words
+from palpate_report.data.marks import in_words, small_unit
 from palpate_report.data.report_data import ReportData
 
 TITLES: Mapping[str, str] = MappingProxyType(
@@ -74,7 +74,7 @@ def make_tables(data: ReportData) -> dict[str, pl.DataFrame]:
         "fit": data.fit.estimates,
         "intervals": data.fit.intervals,
         "budget": data.table("budget"),
-        "between_spots": data.table("between_spots"),
+        "between_spots": between_spots(data),
         "parameter_combinations": data.table("parameter_combinations"),
         "posterior": data.table("posterior"),
         "profile_ends": data.table("profile_ends"),
@@ -105,6 +105,18 @@ def printed(name: str, table: pl.DataFrame) -> pl.DataFrame:
         return table
     shares = table.with_columns(share=(100.0 * pl.col("share")).round(1))
     return shares.pivot("cause", index=["fit", "scenario", "parameter"], values="share")
+
+
+def between_spots(data: ReportData) -> pl.DataFrame:
+    """Means of parameters and their standard deviations between spots, with intervals; small ones in kPa."""
+    rows = []
+    for row in data.table("between_spots").iter_rows(named=True):
+        factor, unit = small_unit(row["unit"], row["upper"])
+        sds = {"sd": row["sd"], "sd_lower": row.pop("lower"), "sd_upper": row.pop("upper")}
+        numbers = {name: factor * number for name, number in {"value": row["value"], **sds}.items()}
+        n_spots = row.pop("n_spots")
+        rows.append({**row, "unit": unit, **numbers, "n_spots": n_spots})
+    return pl.DataFrame(rows)
 
 
 def _with_units(data: ReportData, mesh: pl.DataFrame) -> pl.DataFrame:

@@ -165,7 +165,7 @@ def render(
         sections=sections,
         number_of=lambda figure: numbers[id(figure)],
         data=page_data(data) | {"figures": [figure_data(figure) for figure in figures]},
-        generalises="generalised" in tables and len(data.spots) > 1,
+        generalises="generalised" in tables and len(data.spots) > 1 and not data.widened,
         files=_by_stem(files),
         script=Markup(script),
         library=packed,

@@ -68,8 +68,8 @@ class Identifiability(Section):
 
     def blocks(self, data: ReportData, report: Report) -> Iterator[Block]:
         """Show the intervals of the scenario that generalises, then the intervals of the others."""
-        if "identifiability" not in report.tables or not data.design.n_sets:
-            return
+        if "identifiability" not in report.tables or not data.design.n_sets or data.widened:
+            return  # the sweep knows nothing of the wider ranges
         yield Paragraph(
             "Interval: values for which, with the other parameters refitted, Fopt stays below twice its "
             "minimum. A larger limit applies if the measured scatter, or the error of the emulator, allows "

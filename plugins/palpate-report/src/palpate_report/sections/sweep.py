@@ -90,8 +90,8 @@ class Generalisation(Section):
 
     def blocks(self, data: ReportData, report: Report) -> Iterator[Block]:
         """Show the set and its cost."""
-        if "generalised" not in report.tables or len(data.spots) < 2:
-            return
+        if "generalised" not in report.tables or len(data.spots) < 2 or data.widened:
+            return  # a set of the narrower ranges has no verdict
         yield Paragraph(
             "The sampled set with the lowest mean Fopt over all spots, compared with the best set at each "
             "spot."
