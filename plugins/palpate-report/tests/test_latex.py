@@ -56,7 +56,7 @@ def test_the_papers_tables_have_spots_by_scenarios_with_intervals(content):
     best = {(r["spot"], r["scenario"]): r for r in made.fit.ends.iter_rows(named=True)}
     n_curves = sum(len(response.curves) for response in made.measured.values())
     law = made.study.space.regions[0].material.summary
-    assert f"{law[0].upper()}{law[1:]}; {n_curves} curves of spongy." in tables["paper_table1_wide"]
+    assert f"{law[0].upper()}{law[1:]}; {n_curves} curves." in tables["paper_table1_wide"]
     title, groups, heads, *rows = cells(tables["paper_table1_wide"])
     assert "spongy" in title[0]
     assert [re.search(r"\{(I+)\}$", cell)[1] for cell in groups[1:]] == ["I", "II", "III"]

@@ -111,7 +111,7 @@ def _draw_tared(processed: Processed, folder: Path) -> Path:
                     reach = 1.3 * float(max(np.abs(each[free]).max() for each in (before, after))) or 1.0
                     axis.set_ylim(-reach, reach)
                 axis.set_ylabel(
-                    f"{quantity.partition('_')[0]} [{unit}]\n" + ("(near zero)" if near else "(sensor)")
+                    f"{quantity.partition('_')[0]} ({unit})\n" + ("(near zero)" if near else "(sensor)")
                 )
         _legend_above(axes[0])
         axes[0].set_title("pale: as read; grey: free air", loc="left", fontsize=8)

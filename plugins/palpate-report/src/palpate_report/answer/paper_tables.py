@@ -143,7 +143,8 @@ def _table1(blocks: Sequence[_Block], *, wide: bool) -> str:
         region.material.summary for block in blocks for region in block.data.study.space.regions
     )
     counts = {b.title: sum(len(r.curves) for r in b.data.measured.values()) for b in blocks}
-    curves = ", ".join(f"{n} curve{'' if n == 1 else 's'} of {title}" for title, n in counts.items())
+    of = {title: f"{title}: " if len(counts) > 1 else "" for title in counts}
+    curves = ", ".join(f"{of[title]}{n} curve{'' if n == 1 else 's'}" for title, n in counts.items())
     return tabular(
         columns,
         [line for block in blocks for line in _coefficients(block, scenarios, n, wide=wide)][1:],
