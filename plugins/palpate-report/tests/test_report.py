@@ -315,7 +315,7 @@ def test_the_parameter_space_shows_each_set_once(content):
     panel = parameter_space(made, "p1").axes[0]
     by_label = {c.get_label(): len(c.get_offsets()) for c in panel.collections}
     least = made.selection.row(0, named=True)
-    assert any(label.startswith(f"least: set {least['set_id']}") for label in by_label)
+    assert f"best set of the sweep, Fopt {least['fopt']:.3g}" in by_label
     coloured = next(c for c in panel.collections if c.get_array() is not None)
     assert len(coloured.get_offsets()) == 40
     assert coloured.get_clim() == (coloured.get_array().min(), coloured.get_array().max())

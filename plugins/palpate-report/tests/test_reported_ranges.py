@@ -1,18 +1,25 @@
 """Ranges that a fit has widened, the values of the least Fopt, and small differences between spots."""
 
+from dataclasses import replace
 from types import SimpleNamespace
 
 import polars as pl
 import pytest
+from matplotlib.figure import Figure
 
 from palpate.api import Parameter
+from palpate.api.fit import MODULI
 from palpate.api.report import rounded_rows
+from palpate_report.answer.card import _besides
 from palpate_report.answer.headline import between_spots as sentence, least_fopt
+from palpate_report.answer.material import PATHS, MaterialCurves
 from palpate_report.answer.methods import _materials
 from palpate_report.answer.warnings import _about_simulations, _by_scenario
 from palpate_report.data.marks import Headline
 from palpate_report.data.report_data import ReportData
 from palpate_report.data.tables import between_spots
+from palpate_report.figures.material import _draw
+from palpate_report.figures.style import label_axis
 from palpate_report.sections.certainty import Identifiability
 from palpate_report.sections.sweep import Generalisation
 
@@ -84,6 +91,35 @@ def test_small_differences_between_spots_are_in_kpa_with_equal_digits():
     table = between_spots(data)
     shown = dict(zip(table.columns, rounded_rows(table)[0], strict=True))
     assert [shown[name] for name in ("unit", "sd", "sd_lower", "sd_upper")] == ["kPa", "0.0", "0.0", "1.0"]
+
+
+def test_a_modulus_that_is_a_parameter_is_listed_once():
+    known = {"unit": "kPa", "value": 45.0, "lower": 42.0, "upper": 47.0}
+    young, shear = Headline(parameter="Young's modulus", **known), Headline(parameter=MODULI[0], **known)
+    both = SimpleNamespace(estimates=(Headline(parameter="E", **known),), moduli=(shear, young))
+    assert list(_besides(both)) == [shear]
+    both.estimates = ()
+    assert list(_besides(both)) == [shear, young]
+
+
+def test_small_moduli_on_a_linear_axis_are_in_kpa():
+    axis = Figure().subplots()
+    axis.set_xlim(-0.005, 0.0)
+    c2 = Parameter(name="c2", unit="MPa", lower=-0.0058, upper=-0.00007, kind="modulus", description="")
+    label_axis(axis.xaxis, c2)
+    assert axis.get_xlabel() == "c₂ (kPa)"
+    assert axis.xaxis.get_major_formatter()(-0.004) == "−4"
+    label_axis(axis.xaxis, replace(c2, lower=0.1, upper=0.3))
+    assert axis.get_xlabel() == "c₂ (MPa)"
+
+
+def test_specimens_have_one_entry_and_the_fit_is_above_the_true_value():
+    stress = dict.fromkeys(("all spots", "S1", "S2", "true value"), PATHS[0].amounts)
+    axis = Figure().subplots()
+    _draw(axis, MaterialCurves(region="specimen", path=PATHS[0], stress=stress), "all spots")
+    assert axis.get_legend_handles_labels()[1] == ["all spots", "S1, S2", "true value"]
+    fit, *_, true = axis.get_lines()
+    assert fit.get_zorder() > true.get_zorder()
 
 
 @pytest.mark.parametrize(("n", "what"), [(1, "1 fit is poor"), (2, "2 fits are poor")])

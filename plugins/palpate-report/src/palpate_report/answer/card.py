@@ -81,9 +81,11 @@ def answer(data: ReportData, conclusion: Conclusion) -> SummaryCard:
 
 
 def _besides(conclusion: Conclusion) -> Iterator[Headline]:
-    """Initial moduli that are not one of the parameters already."""
+    """Initial shear moduli, and Young's moduli that are not a parameter already."""
     known = {(each.text, each.interval) for each in conclusion.estimates}
-    yield from (each for each in conclusion.moduli if (each.text, each.interval) not in known)
+    for each in conclusion.moduli:
+        if each.parameter.startswith(MODULI[0]) or (each.text, each.interval) not in known:
+            yield each
 
 
 def sentence(data: ReportData, conclusion: Conclusion) -> str:

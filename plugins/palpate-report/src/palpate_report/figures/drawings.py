@@ -29,9 +29,9 @@ from palpate_report.figures.style import (
     LINES,
     MEASURED_COLOUR,
     Dash,
-    axis_label,
     column_mm,
     finished,
+    label_axis,
     panels,
     save,
     set_log,
@@ -266,6 +266,7 @@ def interval_plot(data: ReportData) -> Figure:
     is_sure = any(value.level for best in fits for value in best.values)
     spots, names = list(dict.fromkeys(best.spot for best in fits)), list(data.searched.items())
     figure = sized(column_mm(len(names) > 1), 14.0 * len(spots) + 36.0)
+    figure.set_layout_engine("constrained", wspace=0.08)  # ticks of neighbours stay apart
     axes = figure.subplots(1, len(names), squeeze=False, sharey=True)[0]
     scenarios = [s.name for s in data.study.scenarios]
     for k, (axis, (name, parameter)) in enumerate(zip(axes, names, strict=True)):
@@ -290,7 +291,7 @@ def interval_plot(data: ReportData) -> Figure:
             set_log(axis, "x")
         else:
             axis.locator_params(axis="x", nbins=4)
-        axis.set_xlabel(axis_label(parameter))
+        label_axis(axis.xaxis, data.widened.get(name, parameter))
     axes[0].set_yticks(range(len(spots)), spots)
     axes[0].set_ylim(len(spots) - 0.5, -0.5)
     return finished(figure, axes, data.stamp)

@@ -1,5 +1,7 @@
 """Stress over stretch of the fitted material."""
 
+from typing import Any
+
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
@@ -25,7 +27,13 @@ def _draw(axis: Axes, curves: MaterialCurves, leads: str) -> None:
         axis.fill_between(
             x, curves.lower, curves.upper, color=MEASURED_COLOUR, alpha=0.25, linewidth=0, label="95 %"
         )
-    looks = {leads: (LINES[0][0], "-", 1.6), "true value": (LEAST_COLOUR, ":", 1.2)}
+    looks = {
+        leads: {"color": LINES[0][0], "linewidth": 1.6, "zorder": 3.0},
+        # Broad and pale behind the fit, which else would be hidden.
+        "true value": {"color": LEAST_COLOUR, "linewidth": 3.6, "alpha": 0.35, "zorder": 1.5},
+    }
+    fits = [label for label in curves.stress if label not in looks]
     for label, stress in curves.stress.items():
-        colour, dash, width = looks.get(label, ("0.5", "--", 0.6))
-        axis.plot(x, stress, color=colour, linestyle=dash, linewidth=width, label=label)
+        look: dict[str, Any] = looks.get(label, {"color": "0.5", "linestyle": "--", "linewidth": 0.6})
+        one_entry = ", ".join(fits[:6]) if label in fits[:1] else "_"
+        axis.plot(x, stress, label=label if label in looks else one_entry, **look)

@@ -26,6 +26,7 @@ from palpate_report.figures.style import (
     PlainNumbers,
     axis_label,
     finished,
+    label_axis,
     lettered,
     panels,
     set_log,
@@ -57,6 +58,7 @@ def parameter_space(data: ReportData, spot: str) -> Figure:
     # Most draws that outline a region.
     draws = draws_of(data, data.generalising.name, 2000)
     parameters = tuple(data.brief.values())
+    ranges = tuple(data.widened.get(name, p) for name, p in data.brief.items())
     n = len(parameters)
     if n == 1:
         figure, flat = panels(1, 1, 70.0, 0.0)
@@ -70,15 +72,15 @@ def parameter_space(data: ReportData, spot: str) -> Figure:
         # Height of a panel by the number of columns.
         figure, flat = panels(n_panels, n_columns, {1: 65.0, 2: 60.0, 4: 42.0}[n_columns], 18.0)
         if in_space:
-            _draw_space(figure, flat, values, fopt, parameters)
+            _draw_space(figure, flat, values, fopt, ranges)
             _draw_paths(data, spot, flat[0], [p.name for p in data.design.parameters])
         for axis, (i, j) in zip(flat[in_space:], pairs, strict=True):
             names = [data.design.parameters[k].name for k in (i, j)]
             _draw_region(draws, axis, names, f"95 % region of {data.together}, as the intervals")
             _scatter(axis, (values[:, i], values[:, j]), fopt)
             _draw_paths(data, spot, axis, names)
-            axis.set_xlabel(axis_label(parameters[i]))
-            axis.set_ylabel(axis_label(parameters[j]))
+            label_axis(axis.xaxis, ranges[i])
+            label_axis(axis.yaxis, ranges[j])
             _draw_truth(data, axis, names)
             _set_scales(axis, (parameters[i], parameters[j]))
             _draw_contours(data, axis, *names)
@@ -118,7 +120,12 @@ def _draw_one_parameter(axis: Axes, values: FloatArray, fopt: FloatArray, parame
     if np.isfinite(fopt).any():
         least = int(np.nanargmin(fopt))
         axis.scatter(
-            [values[least]], [fopt[least]], marker="*", s=70, color=LEAST_COLOUR, label=f"least: set {least}"
+            [values[least]],
+            [fopt[least]],
+            marker="*",
+            s=70,
+            color=LEAST_COLOUR,
+            label="best set of the sweep",
         )
     axis.set(xlabel=axis_label(parameter), ylabel="Fopt (NMSE)")
     _set_scales(axis, [parameter])
@@ -134,12 +141,12 @@ def _draw_space(
     flat[0] = figure.add_subplot(place, projection="3d")
     _scatter(flat[0], tuple(values.T), fopt)
     axis: Any = flat[0]
-    for set_label, parameter in zip(
-        (axis.set_xlabel, axis.set_ylabel, axis.set_zlabel), parameters, strict=True
-    ):
-        set_label(axis_label(parameter), fontsize=5.5)
+    for one, parameter in zip((axis.xaxis, axis.yaxis, axis.zaxis), parameters, strict=True):
+        label_axis(one, parameter)
+        one.label.set_fontsize(5.5)
+        one.labelpad = -9.0
     axis.tick_params(labelsize=5, pad=-3)
-    axis.locator_params(nbins=4)
+    axis.locator_params(nbins=3)
     axis.set_box_aspect(None, zoom=0.78)
     axis.computed_zorder = False  # the least stays on top
     axis.zaxis.set_ticks_position("lower")
@@ -163,13 +170,15 @@ def _scatter(axis: Axes, at: Sequence[FloatArray], fopt: FloatArray) -> None:
     least = int(np.nanargmin(fopt))
     scatter(*(x[least : least + 1] for x in at), color=LEAST_COLOUR, marker="*", s=70,
             edgecolors="white", linewidths=0.4, zorder=5,
-            label=f"least: set {least}, {fopt[least]:.3g}")  # fmt: skip
+            label=f"best set of the sweep, Fopt {fopt[least]:.3g}")  # fmt: skip
 
 
 def _draw_contours(data: ReportData, axis: Axes, parameter: str, other: str) -> None:
     """Draw Fopt of the fit that leads below everything else, with its levels where nothing else is."""
     drawn = contours(data, data.generalising.name, parameter, other)
     label, write = f"Fopt of the fit to {data.together}", cast("Any", axis.text)
+    if drawn:
+        axis.margins(0.0)  # the lines end where the ranges do
     marks = [np.concatenate([_on_axes(axis, line, 40) for line in axis.get_lines()] or [np.zeros((0, 2))])]
     for each in drawn:
         (line,) = axis.plot(each.x, each.y, color="0.55", linewidth=0.5, zorder=1, label=label)
@@ -195,6 +204,8 @@ def _freest(places: FloatArray, marks: FloatArray) -> int:
     """Number of the place of a line, not at its ends, that is farthest from marks."""
     known = np.flatnonzero(np.isfinite(places[:, 0]))
     inner = known[len(known) // 10 : len(known) - len(known) // 10]
+    inside = inner[(np.abs(places[inner] - 0.5) < 0.45).all(axis=1)]  # not across an axis
+    inner = inside if inside.size else inner
     apart = np.linalg.norm(places[inner, None] - marks, axis=2).min(axis=1, initial=np.inf)
     return int(inner[int(np.argmax(apart))])
 
@@ -234,12 +245,12 @@ def _draw_paths(data: ReportData, spot: str, axis: Axes, names: Sequence[str]) -
         for way in ways:
             draw(*(way[name] for name in names), color=colour, linestyle=dash, linewidth=0.9, zorder=4)
         for way in ways[-1:]:
-            end, label = [way[name][-1:] for name in names], f"{fit}: least Fopt, {way['fopt'][-1]:.3g}"
+            end, label = [way[name][-1:] for name in names], f"{fit}: least Fopt {way['fopt'][-1]:.3g}"
             draw(*end, "D", color=colour, markersize=4, markeredgecolor="white", zorder=6, label=label)
         if at := reported(data, fit, data.generalising.name):
             values = [at.get(name) for name in names]
             if None not in values:
-                label = "reported values" if fit == data.together else "_"
+                label = f"{fit}: reported values"
                 draw(*([value] for value in values), "o", color=colour, markersize=5, markeredgecolor="white",
                      zorder=7, label=label)  # fmt: skip
 
