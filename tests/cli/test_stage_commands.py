@@ -111,10 +111,14 @@ def test_limb_shows_meshes_or_reports_that_there_are_none(call: Call, study: Pat
 
 
 def test_limb_of_another_file_names_the_files_that_it_takes(call: Call, tmp_path: Path) -> None:
-    (tmp_path / "limb.vtu").write_text("<VTKFile/>")
-    outcome = call("limb", "limb.vtu")
-    assert outcome.code == 2
-    assert "nor a file that a plugin makes a mesh of (.glb, .obj, .off, .ply, .stl)" in outcome.err
+    for name, said in (
+        ("limb.dat", "nor a file that a plugin makes a mesh of (.glb, .obj, .off, .ply, .stl)"),
+        ("limb.vtu", "a mesh and no study; to look into it: palpate limb inspect limb.vtu"),
+    ):
+        (tmp_path / name).write_text("<VTKFile/>")
+        outcome = call("limb", name)
+        assert outcome.code == 2
+        assert said in outcome.err
 
 
 def test_limb_of_a_surface_is_meshed_or_refused_by_the_reader(call: Call, tmp_path: Path) -> None:
