@@ -74,6 +74,13 @@ def test_each_field_format_is_the_whole_block(tmp_path: Path, write) -> None:
     assert content.warnings == ()
 
 
+def test_properties_of_one_name_are_one_group(tmp_path: Path) -> None:
+    text = bulk(free).replace('$HMNAME PROP        2"soft tissue" 4', '$HMNAME PROP 2"skin"')
+    (tmp_path / "m.bdf").write_text(text)
+    ((name, (rows,)),) = read_nastran(tmp_path / "m.bdf").cell_sets.items()
+    assert (name, rows.tolist()) == ("skin", list(range(len(HEXES))))
+
+
 def test_what_moves_what_is_absent_and_what_links_is_named(tmp_path: Path) -> None:
     cards = "SPC,7,1,3,-0.5\nSPC1,7,2,400,2\nRBE2,9,1,123,2,3\nGRID,900,,0.,0.,0.,,13"
     (tmp_path / "m.nas").write_text(bulk(free, cards))

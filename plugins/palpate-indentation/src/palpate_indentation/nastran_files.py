@@ -145,13 +145,17 @@ class _Bulk:
         )
 
     def _groups(self) -> dict[str, tuple[NDArray[np.int64], ...]]:
-        """Rows of each property in each block by name; faces of a property that solids have too are apart."""
-        solid = {n for kind, of in self.properties.items() if kind in BRICKS for n in of}
+        """Rows of the properties of each name in each block; faces of a name of solids are apart."""
+        names = {
+            n: self.names.get(n, f"property {n}") for n in sorted(set().union(*self.properties.values()))
+        }
         found = {}
-        for n in sorted({n for of in self.properties.values() for n in of}):
-            name = self.names.get(n, f"property {n}")
-            rows = {kind: np.flatnonzero(np.array(of) == n) for kind, of in self.properties.items()}
-            for title, is_solid in ((name, n in solid), (f"{name} (faces)" if n in solid else name, False)):
+        for name in dict.fromkeys(names.values()):
+            rows = {
+                kind: np.flatnonzero([names[n] == name for n in of]) for kind, of in self.properties.items()
+            }
+            has_solids = any(len(of) for kind, of in rows.items() if kind in BRICKS)
+            for title, is_solid in ((name, has_solids), (f"{name} (faces)" if has_solids else name, False)):
                 members = tuple(of if (kind in BRICKS) == is_solid else of[:0] for kind, of in rows.items())
                 if any(map(len, members)):
                     found[title] = members
