@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from palpate.api.files import Column
+from palpate.api.files import Column, unit_in
 from palpate.domain import FloatArray
 from palpate_indentation import CsvLoader, CsvSettings
 from palpate_robot_log import RobotLogLoader
@@ -133,6 +133,7 @@ def test_a_homogeneous_test_is_converted_by_its_names(
         ("Displacement_mm,Force_N,Size_mm", "the length and the area of the specimen"),  # it grows
         ("F11,P11 (kPa)", "needs strain or stretch next to stress; is it F11? name it"),
         ("DEPTH_MM,FORCE_MN", "the file gives 'MN?', which is no unit of force"),
+        ("Depth (mm),Force stat,Force dyn", "Force dyn or Force stat? name one"),  # dynamic, not in dyn
     ],
 )
 def test_a_name_that_is_not_certain_is_asked_about(names: str, question: str, tmp_path: Path) -> None:
@@ -432,6 +433,10 @@ def test_a_counter_is_asked_for_its_rate(name: str, tmp_path: Path) -> None:
     assert force.ordinate[-1] == pytest.approx(FORCE_N, rel=0.01)
     assert force.time_s is not None
     assert force.time_s[-1] - force.time_s[0] == pytest.approx(4.0, abs=0.3)
+
+
+def test_a_dynamic_force_is_in_dyn_in_brackets_alone() -> None:
+    assert [unit_in(name)[1] for name in ("force_dyn", "Fx dyn", "Force [dyn]")] == ["", "", "dyn"]
 
 
 def test_a_rate_is_no_unit() -> None:
