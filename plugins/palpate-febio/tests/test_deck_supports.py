@@ -188,6 +188,19 @@ def test_sections_in_files_of_the_folder_are_read(tmp_path, how):
         load(tmp_path / "deck.feb")
 
 
+@pytest.mark.parametrize("how", ['<Mesh from="more.feb"/>', "<Include>more.feb</Include>"])
+@pytest.mark.parametrize("second", ["<Elements", '<NodeSet name="bone"', "<Surface"])
+def test_the_meshes_of_several_files_are_one(tmp_path, how, second):
+    start, end = PLAIN.index(second), PLAIN.index("</Mesh>")
+    (tmp_path / "deck.feb").write_text(f"{PLAIN[:start]}</Mesh>{how}{PLAIN[end + len('</Mesh>') :]}")
+    more = f'<febio_spec version="4.0"><Mesh>{PLAIN[start:end]}</Mesh></febio_spec>'
+    (tmp_path / "more.feb").write_text(more)
+    assert counts(load(tmp_path / "deck.feb")) == (45, 25)
+    (tmp_path / "more.feb").write_text(more.replace("</Mesh>", '<NodeSet name="cuts">1</NodeSet></Mesh>'))
+    with pytest.raises(MeshError, match="two <NodeSet> have the name 'cuts'"):
+        load(tmp_path / "deck.feb")
+
+
 def test_what_is_not_used_is_named(tmp_path):
     roller = ZERO.format("bone").replace("<x_dof>1", "<x_dof>0").replace("<y_dof>1", "<y_dof>0")
     push = (

@@ -113,6 +113,12 @@ class _Reader:
                 f"{', '.join(SPEC_VERSIONS)}, so save the model as one of those"
             )
         refuse_reaching(path, root)
+        # A deck of several files may have a mesh in each.
+        meshes = [section for section in root if section.tag in ("Mesh", "Geometry")]
+        if not meshes:
+            raise self.refused("no section Mesh; export the deck with its mesh")
+        self.mesh = ET.Element("Mesh")
+        self.mesh.extend(child for section in meshes for child in section)
         self.number: dict[int, int] = {}
         self.sets: dict[str, IntArray] = {}
         self.surfaces: dict[str, IntArray] = {}
@@ -123,13 +129,14 @@ class _Reader:
         return MeshError(f"{self.path}: {what}")
 
     def deck(self) -> Deck:
-        mesh = self.root.find("Mesh")
-        if mesh is None:
-            mesh = self.root.find("Geometry")
-        if mesh is None:
-            raise self.refused("no section Mesh; export the deck with its mesh")
+        mesh = self.mesh
         points = self.points(mesh)  # first: the others name nodes by their ids
         parts = self.deformable = tuple(self.parts(mesh))
+        for tag in ("NodeSet", "Surface"):
+            sets = [self.name(e) for e in mesh.findall(tag)]
+            if len(set(sets)) < len(sets):
+                twice = next(name for name in sets if sets.count(name) > 1)
+                raise self.refused(f"two <{tag}> have the name '{twice}'; give each its own")
         for e in mesh.findall("NodeSet"):
             self.sets[self.name(e)] = self.node_set(e)
         self.surfaces = {self.name(e): self.surface(e) for e in mesh.findall("Surface")}
@@ -154,11 +161,11 @@ class _Reader:
     def named(self, name: str) -> IntArray | None:
         """Nodes of a set as a condition of a deck names it."""
         kind, _, rest = name.partition(":")
-        mesh = self.root.find("Mesh") or self.root.find("Geometry")
+        mesh = self.mesh
         match kind:
             case "@surface":
                 return self.surfaces.get(rest)
-            case "@edge" | "@elem_set" if mesh is not None:
+            case "@edge" | "@elem_set":
                 tag = "Edge" if kind == "@edge" else "ElementSet"
                 found = next((e for e in mesh.findall(tag) if e.get("name") == rest), None)
                 if found is None:
