@@ -201,6 +201,18 @@ def test_the_meshes_of_several_files_are_one(tmp_path, how, second):
         load(tmp_path / "deck.feb")
 
 
+def test_files_that_include_each_other_manifold_are_refused(tmp_path, monkeypatch):
+    for k in range(4):
+        includes = f"<Include>{k + 1}.feb</Include>" * 10
+        (tmp_path / f"{k}.feb").write_text(f'<febio_spec version="4.0">{includes}</febio_spec>')
+    (tmp_path / "4.feb").write_text('<febio_spec version="4.0"/>')
+    with pytest.raises(MeshError, match=r"\d.feb: the deck includes more than 100 files; save it as fewer"):
+        load(tmp_path / "0.feb")
+    monkeypatch.setattr("palpate_febio.deck_reader.LARGEST_FILE_BYTES", 1000)
+    with pytest.raises(MeshError, match=r"\d.feb: larger than 1,000 bytes with the \d files read before it"):
+        load(tmp_path / "0.feb")
+
+
 def test_what_is_not_used_is_named(tmp_path):
     roller = ZERO.format("bone").replace("<x_dof>1", "<x_dof>0").replace("<y_dof>1", "<y_dof>0")
     push = (

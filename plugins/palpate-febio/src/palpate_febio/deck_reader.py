@@ -14,6 +14,7 @@ from palpate.api.mesh import CELLS, SOLIDS, Support
 from palpate_febio.deck_supports import DeckNames, DeckSupports
 
 LARGEST_FILE_BYTES = 2_000_000_000
+MOST_FILES = 100
 RIGID = "rigid body"
 SPEC_VERSIONS = ("2.5", "3.0", "4.0")
 
@@ -66,14 +67,20 @@ def read_deck(path: Path, leave_out: Sequence[str] = ()) -> Deck:
         The file is missing, too large, not XML, or has a document type, which could define entities; or the
         deck lacks something, or reaches for other files. It names the file and the line or the tag.
     """
-    return _Reader(path, _joined(path, _parsed(path)), leave_out).deck()
+    sizes: list[int] = []
+    return _Reader(path, _joined(path, _parsed(path, sizes), sizes), leave_out).deck()
 
 
-def _parsed(path: Path) -> ET.Element:
+def _parsed(path: Path, sizes: list[int]) -> ET.Element:
+    """Root of a file of a deck; the file's size (bytes) is added to the sizes of the files before it."""
     if not path.is_file():
         raise MeshError(f"{path}: no such file; check the path of the deck")
-    if path.stat().st_size > LARGEST_FILE_BYTES:
-        raise MeshError(f"{path}: larger than {LARGEST_FILE_BYTES:,} bytes; is this a deck?")
+    sizes.append(path.stat().st_size)
+    if sum(sizes) > LARGEST_FILE_BYTES:
+        before = f" with the {len(sizes) - 1} files read before it" if len(sizes) > 1 else ""
+        raise MeshError(f"{path}: larger than {LARGEST_FILE_BYTES:,} bytes{before}; is this a deck?")
+    if len(sizes) > MOST_FILES:
+        raise MeshError(f"{path}: the deck includes more than {MOST_FILES} files; save it as fewer")
     try:
         root: ET.Element = defusedxml.ElementTree.fromstring(path.read_bytes(), forbid_dtd=True)
     except defusedxml.DTDForbidden:
@@ -83,7 +90,7 @@ def _parsed(path: Path) -> ET.Element:
     return root
 
 
-def _joined(path: Path, root: ET.Element, by: tuple[Path, ...] = ()) -> ET.Element:
+def _joined(path: Path, root: ET.Element, sizes: list[int], by: tuple[Path, ...] = ()) -> ET.Element:
     """Deck with the sections of the files of its folder that it includes, whole or by ``from``."""
     for k, section in reversed(list(enumerate(root))):
         is_whole = section.tag == "Include"
@@ -95,7 +102,7 @@ def _joined(path: Path, root: ET.Element, by: tuple[Path, ...] = ()) -> ET.Eleme
         other = path.parent / named
         if not other.is_file() or other in (*by, path):
             raise MeshError(f"{path}: <{section.tag}> names the file '{named}'; put it next to the deck")
-        found = _joined(other, _parsed(other), (*by, path))
+        found = _joined(other, _parsed(other, sizes), sizes, (*by, path))
         root[k : k + 1] = [of for of in found if is_whole or of.tag == section.tag]
     return root
 
