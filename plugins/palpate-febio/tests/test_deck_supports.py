@@ -166,13 +166,23 @@ def test_nodes_of_a_rigid_body_without_elements_are_fixed_or_named(tmp_path, bod
 
 
 def test_a_list_of_parts_is_a_set_of_nodes(tmp_path):
-    parts = '<PartList name="all">Part1, Part2</PartList></Mesh>'
+    parts = '<PartList name="all">Part1</PartList></Mesh>'
     held = ZERO.format("@part_list:all").replace("<x_dof>1", "<x_dof>0")
     text = deck_of(tmp_path, PLAIN, f"<Boundary>{ZERO.format('bone')}{ZERO.format('cuts')}{held}</Boundary>")
     text.write_text(text.read_text().replace("</Mesh>", parts))
     limb = load(text)
     assert counts(limb) == (45, 25)
     assert "30 nodes are held in y and z alone by '@part_list:all'" in " ".join(limb.warnings)
+    text.write_text(text.read_text().replace(parts, parts.replace("Part1", "Part1, Part9")))
+    with pytest.raises(MeshError, match="part list 'all' names the part 'Part9', which is not there"):
+        load(text)
+
+
+def test_a_list_of_parts_may_name_a_rigid_one(tmp_path):
+    held = CUTS.replace("</Boundary>", ZERO.format("@part_list:bones") + "</Boundary>")
+    file = deck_of(tmp_path, RIGID, held)
+    file.write_text(file.read_text().replace("</Mesh>", '<PartList name="bones">Part2</PartList></Mesh>'))
+    assert counts(load(file)) == (45, 25)
 
 
 @pytest.mark.parametrize("how", ['<Mesh from="mesh.feb"/>', "<Include>mesh.feb</Include>"])
@@ -199,6 +209,19 @@ def test_the_meshes_of_several_files_are_one(tmp_path, how, second):
     (tmp_path / "more.feb").write_text(more.replace("</Mesh>", '<NodeSet name="cuts">1</NodeSet></Mesh>'))
     with pytest.raises(MeshError, match="two <NodeSet> have the name 'cuts'"):
         load(tmp_path / "deck.feb")
+
+
+@pytest.mark.parametrize(
+    ("section", "why"), [(CUTS, "the deck has one too"), ("<Boundary></Boundary>", "the file has none")]
+)
+def test_a_section_is_in_the_file_that_the_deck_names(tmp_path, section, why):
+    deck = deck_of(tmp_path, PLAIN, section.replace("<Boundary>", '<Boundary from="other.feb">'))
+    (tmp_path / "other.feb").write_text('<febio_spec version="4.0"><boundary/></febio_spec>')
+    with pytest.raises(MeshError, match=f"deck.feb: <Boundary> is to come from 'other.feb', but {why}; "):
+        load(deck)
+    (tmp_path / "other.feb").write_text(CUTS)
+    with pytest.raises(MeshError, match=r"other.feb: <Boundary> where febio_spec is needed"):
+        load(deck)
 
 
 def test_files_that_include_each_other_manifold_are_refused(tmp_path, monkeypatch):

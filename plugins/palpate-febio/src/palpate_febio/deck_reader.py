@@ -103,7 +103,15 @@ def _joined(path: Path, root: ET.Element, sizes: list[int], by: tuple[Path, ...]
         if not other.is_file() or other in (*by, path):
             raise MeshError(f"{path}: <{section.tag}> names the file '{named}'; put it next to the deck")
         found = _joined(other, _parsed(other, sizes), sizes, (*by, path))
-        root[k : k + 1] = [of for of in found if is_whole or of.tag == section.tag]
+        if found.tag != "febio_spec":
+            raise MeshError(f"{other}: <{found.tag}> where febio_spec is needed; save it as a deck")
+        sections = [of for of in found if is_whole or of.tag == section.tag]
+        if not is_whole and (len(section) or not sections):
+            why = "the deck has one too" if len(section) else "the file has none"
+            raise MeshError(
+                f"{path}: <{section.tag}> is to come from '{named}', but {why}; write it in one of the two"
+            )
+        root[k : k + 1] = sections
     return root
 
 
@@ -130,7 +138,6 @@ class _Reader:
         self.sets: dict[str, IntArray] = {}
         self.surfaces: dict[str, IntArray] = {}
         self.rigid: dict[str, IntArray] = {}
-        self.deformable: tuple[Part, ...] = ()
 
     def refused(self, what: str) -> MeshError:
         return MeshError(f"{self.path}: {what}")
@@ -138,7 +145,7 @@ class _Reader:
     def deck(self) -> Deck:
         mesh = self.mesh
         points = self.points(mesh)  # first: the others name nodes by their ids
-        parts = self.deformable = tuple(self.parts(mesh))
+        parts = tuple(self.parts(mesh))
         for tag in ("NodeSet", "Surface"):
             sets = [self.name(e) for e in mesh.findall(tag)]
             if len(set(sets)) < len(sets):
@@ -184,11 +191,16 @@ class _Reader:
                     e for e in mesh.iterfind("Elements/elem") if self.integer(e, e.get("id")) in wanted
                 ]
                 return np.unique([n for e in elements for n in self.nodes(e, self.integers(e, e.text))])
-            case "@part_list" if mesh is not None:
+            case "@part_list":
                 of = next((e for e in mesh.findall("PartList") if e.get("name") == rest), None)
-                parts = {part.strip() for part in (of.text or "").split(",")} if of is not None else set()
-                cells = [part.cells.ravel() for part in self.deformable if part.name in parts]
-                return np.unique(np.concatenate(cells)) if cells else None
+                if of is None:
+                    return None
+                blocks = [(self.part_name(e, k), e) for k, e in enumerate(mesh.findall("Elements"))]
+                parts = {part.strip() for part in (of.text or "").split(",")}
+                if lost := sorted(parts - dict(blocks).keys()):
+                    raise self.refused(f"part list '{rest}' names the part '{lost[0]}', which is not there")
+                elements = [e for part, block in blocks if part in parts for e in block.findall("elem")]
+                return np.unique([n for e in elements for n in self.nodes(e, self.integers(e, e.text))])
         return self.sets.get(name)
 
     def rigid_bodies(self, mesh: ET.Element) -> dict[str, IntArray]:
