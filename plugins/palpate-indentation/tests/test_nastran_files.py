@@ -81,6 +81,23 @@ def test_properties_of_one_name_are_one_group(tmp_path: Path) -> None:
     assert (name, rows.tolist()) == ("skin", list(range(len(HEXES))))
 
 
+@pytest.mark.parametrize(
+    ("case", "nodes", "warning"),
+    [
+        ("SPC = 1", [0, 1], "SPC 2, 4: not used"),
+        ("SUBCASE 1\n  spc=3", [0, 1, 2], "SPC 4: not used"),
+        ("$ SPC = 1", [0, 1, 2, 3], "selects no set of constraints, so sets 1, 2, 4 hold"),
+        ("SPC = 1\nSUBCASE 2\nSPC = 2", [0, 1, 2], "selects several sets of constraints, so sets 1, 2"),
+    ],
+)
+def test_the_case_control_selects_the_supports(tmp_path: Path, case: str, nodes, warning: str) -> None:
+    cards = "SPC1,1,123,1,2\nSPC1,2,123,3\nSPCADD,3,1,2\nSPC,4,4,123,0.0\n"
+    (tmp_path / "m.bdf").write_text(bulk(free, cards).replace("CEND", f"CEND\n{case}"))
+    content = read_nastran(tmp_path / "m.bdf")
+    assert np.concatenate([support.nodes for support in content.supports]).tolist() == nodes
+    assert warning in " | ".join(content.warnings)
+
+
 def test_what_moves_what_is_absent_and_what_links_is_named(tmp_path: Path) -> None:
     cards = "SPC,7,1,3,-0.5\nSPC1,7,2,400,2\nRBE2,9,1,123,2,3\nGRID,900,,0.,0.,0.,,13"
     (tmp_path / "m.nas").write_text(bulk(free, cards))

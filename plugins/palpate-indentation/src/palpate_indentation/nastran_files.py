@@ -55,8 +55,12 @@ class _Bulk:
         self.points: dict[int, tuple[float, ...]] = {}
         self.cells: dict[str, list[list[int]]] = {}
         self.properties: dict[str, list[int]] = {}
-        self.held: dict[tuple[str, str], list[int]] = {}
-        self.moved: set[str] = set()
+        # Name of a constraint, the number of its set (0: always active) and the axes that it holds.
+        self.held: dict[tuple[str, int, str], list[int]] = {}
+        self.moved: set[tuple[str, int]] = set()
+        self.sums: dict[int, set[int]] = {}
+        case = re.split(r"(?im)^\s*begin\s+bulk", text)
+        self.selected = {int(n) for n in re.findall(r"(?im)^ *SPC[ =]+(\d+)", case[0] if case[1:] else "")}
         self.left_out: dict[str, int] = {}
         for self.line, name, cells in _cards(text):
             try:
@@ -76,9 +80,11 @@ class _Bulk:
         elif name == "SPC":
             for node, axes, value in zip(cells[1::3], cells[2::3], cells[3::3], strict=False):
                 if node:
-                    self._hold(f"SPC {cells[0]}", axes, [int(node)], _number(value or "0"))
+                    self._hold("SPC", int(cells[0]), axes, [int(node)], _number(value or "0"))
         elif name == "SPC1":
-            self._hold(f"SPC1 {cells[0]}", cells[1], _spans(cells[2:]), 0.0)
+            self._hold("SPC1", int(cells[0]), cells[1], _spans(cells[2:]), 0.0)
+        elif name == "SPCADD":
+            self.sums[int(cells[0])] = {int(n) for n in cells[1:] if n}
         elif name == "INCLUDE":
             raise self.refused("INCLUDE takes in another file; write the bulk data as one file")
         elif re.match("RBE|RBAR|RROD|CELAS|CBUSH|CROD|CBAR|CBEAM|MPC", name):
@@ -92,7 +98,7 @@ class _Bulk:
             )
         self.points[int(number)] = tuple(_number(x or "0") for x in rest[:3])
         if rest[4] not in ("", "0"):
-            self._hold("GRID", rest[4], [int(number)], 0.0)
+            self._hold("GRID", 0, rest[4], [int(number)], 0.0)
 
     def _element(self, name: str, cells: list[str]) -> None:
         linear, quadratic, n_corners, n_nodes = SHAPES[name]
@@ -107,21 +113,42 @@ class _Bulk:
         self.cells.setdefault(kind, []).append(nodes)
         self.properties.setdefault(kind, []).append(int(cells[1] or cells[0]))
 
-    def _hold(self, name: str, components: str, nodes: list[int], value: float) -> None:
+    def _hold(self, card: str, number: int, components: str, nodes: list[int], value: float) -> None:
         axes = "".join("xyz"[int(c) - 1] for c in components if c in "123")
+        name = f"{card} {number}" if number else card
         if value:
-            self.moved.add(name)
+            self.moved.add((name, number))
         elif axes:
-            self.held.setdefault((name, axes), []).extend(nodes)
+            self.held.setdefault((name, number, axes), []).extend(nodes)
+
+    def _active(self, warnings: list[str]) -> set[int]:
+        """Numbers of the sets that the case control selects, else of all, with a warning if in doubt."""
+        every = ({n for _, n, _ in self.held} | {n for _, n in self.moved}) - {0}
+        active = set[int]().union(*(self.sums.get(n, {n}) for n in self.selected)) or every
+        if len(self.selected) > 1 or (not self.selected and len(every) > 1):
+            numbers = ", ".join(map(str, sorted(self.selected or every)))
+            warnings.append(
+                f"the case control selects {'several sets' if self.selected else 'no set'} of constraints, "
+                f"so sets {numbers} hold the limb together; keep the one set of the test"
+            )
+        if unused := every - active:
+            numbers = ", ".join(map(str, sorted(unused)))
+            warnings.append(f"SPC {numbers}: not used, since the case control selects another set")
+        return active | {0}
 
     def content(self) -> MeshFile:
         index = {number: k for k, number in enumerate(self.points)}
-        warnings = [
+        warnings = list[str]()
+        active = self._active(warnings)
+        warnings += [
             f"{name} moves nodes; it is no support and is not used, since the protocol moves the indenter"
-            for name in sorted(self.moved)
+            for name, number in sorted(self.moved)
+            if number in active
         ]
         supports = []
-        for (name, axes), numbers in self.held.items():
+        for name, axes, numbers in (
+            (name, axes, of) for (name, n, axes), of in self.held.items() if n in active
+        ):
             there = sorted({index[n] for n in numbers if n in index})
             supports.append(Support(name=name, nodes=np.array(there, dtype=np.int64), axes=axes))
             if absent := len(set(numbers) - index.keys()):
