@@ -112,6 +112,11 @@ def test_what_moves_what_is_absent_and_what_links_is_named(tmp_path: Path) -> No
     assert "not used: 1 RBE2" in said
 
 
+def test_a_node_held_in_all_axes_may_have_a_system_of_its_own(tmp_path: Path) -> None:
+    (tmp_path / "m.bdf").write_text("GRDSET\nGRID,1,,0.,0.,0.,5,3\nGRID,2,,1.,0.,0.,5\nSPC1,1,12,1\n")
+    assert {support.axes for support in read_nastran(tmp_path / "m.bdf").supports} == {"xy", "z"}
+
+
 @pytest.mark.parametrize(("name", "shape"), [("CHEXA", "hexahedron20"), ("CPENTA", "wedge15")])
 def test_upright_edges_come_before_upper_ones(tmp_path: Path, name: str, shape: str) -> None:
     solid, n = SOLIDS[shape][0], SOLIDS[shape][0].n_corners
@@ -135,6 +140,13 @@ def test_upright_edges_come_before_upper_ones(tmp_path: Path, name: str, shape: 
         ("GRID,1,5,0.,0.,0.", "node 1 is in coordinate system 5; export the nodes in the basic system"),
         ("CTETRA,1,1,1,2,3,4,5", "CTETRA 1 lacks nodes; write all nodes in the middle of its edges, or none"),
         ("GRID,1,,x,0.,0.", "GRID cannot be read; write the file again"),
+        (
+            "GRID,1,,0.,0.,0.,5\nSPC1,1,3,1",
+            "node 1 is held in some axes of coordinate system 5; hold it in 123",
+        ),
+        ("GRID,1,,0.,0.,0.,5,12", "node 1 is held in some axes of coordinate system 5; hold it in 123"),
+        ("GRDSET,,5", "GRDSET has defaults of nodes; write systems and constraints into each GRID"),
+        ("GRDSET,,,,,,,456", "GRDSET has defaults of nodes; write systems and constraints into each GRID"),
         ("INCLUDE 'more.bdf'", "INCLUDE takes in another file; write the bulk data as one file"),
     ],
 )

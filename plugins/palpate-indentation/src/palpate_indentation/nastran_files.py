@@ -61,6 +61,8 @@ class _Bulk:
         self.sums: dict[int, set[int]] = {}
         case = re.split(r"(?im)^\s*begin\s+bulk", text)
         self.selected = {int(n) for n in re.findall(r"(?im)^ *SPC[ =]+(\d+)", case[0] if case[1:] else "")}
+        # Line and coordinate system of displacements of nodes that have one.
+        self.turned: dict[int, tuple[int, str]] = {}
         self.left_out: dict[str, int] = {}
         for self.line, name, cells in _cards(text):
             try:
@@ -75,6 +77,8 @@ class _Bulk:
     def _card(self, name: str, cells: list[str]) -> None:
         if name == "GRID":
             self._node(cells)
+        elif name == "GRDSET" and {cells[1], cells[5], cells[6]} - {"", "0"}:
+            raise self.refused("GRDSET has defaults of nodes; write systems and constraints into each GRID")
         elif name in SHAPES:
             self._element(name, cells)
         elif name == "SPC":
@@ -97,6 +101,8 @@ class _Bulk:
                 f"node {number} is in coordinate system {system}; export the nodes in the basic system"
             )
         self.points[int(number)] = tuple(_number(x or "0") for x in rest[:3])
+        if rest[3] not in ("", "0"):
+            self.turned[int(number)] = self.line, rest[3]
         if rest[4] not in ("", "0"):
             self._hold("GRID", 0, rest[4], [int(number)], 0.0)
 
@@ -136,6 +142,20 @@ class _Bulk:
             warnings.append(f"SPC {numbers}: not used, since the case control selects another set")
         return active | {0}
 
+    def _check_axes(self, active: set[int]) -> None:
+        """Refuse nodes that are held along some axes of a system of their own."""
+        axes_of: dict[int, str] = {}
+        for (_, number, axes), nodes in self.held.items():
+            for node in self.turned.keys() & set(nodes) if number in active else ():
+                axes_of[node] = axes_of.get(node, "") + axes
+        for node, axes in axes_of.items():
+            self.line, system = self.turned[node]
+            if set(axes) != {*"xyz"}:
+                raise self.refused(
+                    f"node {node} is held in some axes of coordinate system {system}; hold it in 123, or "
+                    "write its constraint in the basic system"
+                )
+
     def content(self) -> MeshFile:
         index = {number: k for k, number in enumerate(self.points)}
         warnings = list[str]()
@@ -145,6 +165,7 @@ class _Bulk:
             for name, number in sorted(self.moved)
             if number in active
         ]
+        self._check_axes(active)
         supports = []
         for name, axes, numbers in (
             (name, axes, of) for (name, n, axes), of in self.held.items() if n in active
