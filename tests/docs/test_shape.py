@@ -18,7 +18,7 @@ ROOT = Path(__file__).parents[2]
 LONGEST_FILE = 500
 LONGEST_FUNCTION = 45
 MOST = {
-    "lines": 78_116,
+    "lines": 78_128,
     "lines of the core": 33_467,
     "classes": 658,
     "constants": 692,

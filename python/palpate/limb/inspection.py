@@ -37,7 +37,7 @@ WORDS: Mapping[str, str] = {
 UNITS_MM: Mapping[str, float] = {"mm": 1.0, "cm": 10.0, "m": 1000.0, "um": 0.001}
 SKIN = re.compile(
     r"(?i)contact|skin|press|outer|surface|touch|top|indent|haut|oberfl|kontakt|peau|piel|epiderm"
-    r"|au(ss|ß)en|ext[eé]ri?|estern"
+    r"|au(ss|ß)en|(?<![a-z])(ext[eé]r(n(?!us|i)|ior|ieur)|estern(?!on|ón))"
 )
 FIXED = re.compile(
     r"(?i)fix|(?<![a-z])h[eo]ld|support|clamp|encast|anchor"
@@ -80,7 +80,7 @@ def likely_sets(names: Sequence[str], regions: Sequence[str] = ()) -> tuple[str 
     The finding has the names that are neither, next to supports: each may hold the limb too.
     """
     skins = sorted(
-        filter(SKIN.search, names), key=lambda name: (name != "contact", _is_fixed(name), len(name))
+        filter(_is_pressed, names), key=lambda name: (name != "contact", _is_fixed(name), len(name))
     )
     of_bone = [name for found in bones(names) for name in found]
     held = [name for name in names if name not in skins[:1] and (name in of_bone or _is_fixed(name))]
@@ -111,6 +111,18 @@ def skin_of(limb: Limb) -> tuple[str, float | None] | None:
         return named[0], None
     outer = outer_layer(limb.mesh)
     return outer if outer and outer[1] <= 4.0 and "soft" not in _kinds(outer[0]) else None
+
+
+def _is_pressed(name: str) -> bool:
+    """Whether a name is the skin's; external alone is a word of clamps, muscles and bones too."""
+    found = SKIN.search(name)
+    if found is None or not re.match("(?i)ext[eé]r|estern", found[0]):
+        return found is not None
+    return (
+        FIXED.search(name) is None
+        and re.search("(?i)fixat", name) is None
+        and not _kinds(name) & {"soft", "bone"}
+    )
 
 
 def _is_fixed(name: str) -> bool:

@@ -73,6 +73,14 @@ def test_a_set_that_is_neither_skin_nor_support_is_named():
     assert likely_sets(["cut surfaces", "Skin Contact"]) == ("Skin Contact", ["cut surfaces"], [])
 
 
+def test_external_is_the_skin_where_no_other_word_is_in_the_name():
+    others = ["humerus_dexter", "external_fixator", "obliquus_externus", "external fixed", "muscle_exterior"]
+    for name in [*others, "external_femur"]:
+        assert likely_sets([name])[0] is None, name
+    for name in ("exterior", "externe", "Extérieur", "external_face", "esterno"):
+        assert likely_sets([*others, name])[0] == name
+
+
 @pytest.mark.parametrize("fine_x_mm", [(0.0,), (-12.0, 12.0), (-6.0, 6.0)])
 def test_the_spot_is_at_each_place_where_the_mesh_is_finest(fine_x_mm):
     """Nodes of the skin crowd at one or two places."""
