@@ -19,7 +19,7 @@ LONGEST_FILE = 500
 LONGEST_FUNCTION = 45
 MOST = {
     "lines": 78_128,
-    "lines of the core": 33_467,
+    "lines of the core": 33_479,
     "classes": 658,
     "constants": 692,
     "long files": 0,
