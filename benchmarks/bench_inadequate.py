@@ -73,7 +73,7 @@ def ready(name: str, plugins: Plugins) -> Study:
     """A ready study by the scenario that generalises alone, without its sweep and finer meshes."""
     study = read_study(Path(plugins.studies[name].directory) / "study.toml", plugins)
     main = tuple(s for s in study.scenarios if s.name == study.generalise_by)
-    spots = tuple(replace(spot, fine_edge_mm=None) for spot in study.spots)
+    spots = tuple(replace(spot, fine_edge_mm=0.0) for spot in study.spots)
     solver = type(study.solver)(study.solver.settings.model_copy(update=SOLVER))
     return replace(
         study, n_sets=0, scenarios=main, spots=spots, solver=solver, executor=InProcess(), budget=BUDGET
@@ -230,9 +230,9 @@ def fitted(
         refinement={spot: mesh.refinement for spot, mesh in meshes.items()},
         first_start=start,
     )
-    case = stage.run()[0]
+    case, *others = stage.run()
     certainty = Assessment(study=study, measured=measured, meshes=meshes)
-    return certainty.assess(case, *certainty.columns(case))
+    return certainty.assess(case, *certainty.columns(case), cases=others)
 
 
 # ------------------------------------------------------------------------------ table
