@@ -19,7 +19,9 @@ from palpate.mesh.specimens import block
 from palpate.mesh.splitting import SOLIDS
 from palpate.mesh.topology import outer_faces
 from palpate_indentation import MeshioSettings, MeshioSource
+from palpate_indentation.mesh_content import MeshFile, numbered_faces
 from palpate_indentation.mesh_files import read_here
+from palpate_indentation.vtk_files import _groups
 
 pytestmark = pytest.mark.usefixtures("meshes_here")
 
@@ -147,6 +149,55 @@ def test_words_of_cells_are_groups(tmp_path: Path) -> None:
         "skin": list(range(16, 32)),
     }
     assert not content.cell_data
+
+
+def with_words(path: Path, *arrays: tuple[str, list[str], int]) -> dict[str, list[int]]:
+    """Groups of a file with these arrays of words and their numbers of components."""
+    text = (DATA / "version_2_2.vtu").read_text()
+    each = [
+        f'<DataArray type="String" Name="{name}" NumberOfComponents="{n}" format="ascii">'
+        + " ".join(str(b) for word in words for b in (*word.encode(), 0))
+        + "</DataArray>"
+        for name, words, n in arrays
+    ]
+    path.write_text(
+        re.sub(r"<CellData.*</CellData>", f"<CellData>{''.join(each)}</CellData>", text, flags=re.DOTALL)
+    )
+    return {name: rows[0].tolist() for name, rows in read_here(path).cell_sets.items()}
+
+
+def test_arrays_that_share_a_word_keep_their_groups_apart(tmp_path: Path) -> None:
+    tissue, coating = ["fat"] * 16 + ["skin"] * 16, ["skin"] * 8 + [""] * 24
+    assert with_words(tmp_path / "m.vtu", ("tissue", tissue, 1), ("coating", coating, 1)) == {
+        "fat": list(range(16)),
+        "tissue: skin": list(range(16, 32)),
+        "coating: skin": list(range(8)),
+    }
+
+
+def test_words_that_are_no_groups_are_passed_over(tmp_path: Path) -> None:
+    two, few, none = (["fat", "L"] * 32, 2), (["fat"] * 31, 1), ([], 1)
+    for words, n in (two, few, none):
+        assert with_words(tmp_path / "m.vtu", ("tissue", words, n)) == {}
+
+
+def test_numbers_and_words_of_each_cell_are_no_groups() -> None:
+    blocks = (("quad", np.zeros((101, 4), dtype=np.int64)),)
+    for n, n_groups in ((101, 0), (100, 100)):
+        ids = np.arange(101) % n
+        content = MeshFile(points=np.zeros((1, 3)), blocks=blocks, cell_data={"id": (ids,)})
+        assert len(numbered_faces(content)) == n_groups
+        assert len(_groups({"name": ids.astype(str)}, [np.arange(101)])) == n_groups
+
+
+def test_words_of_a_legacy_file_are_decoded(tmp_path: Path) -> None:
+    (tmp_path / "m.vtk").write_text(
+        "# vtk DataFile Version 4.2\nx\nASCII\nDATASET UNSTRUCTURED_GRID\n"
+        "POINTS 4 float\n0 0 0 1 0 0 0 1 0 0 0 1\n"
+        "CELLS 2 10\n4 0 1 2 3\n4 0 1 2 3\nCELL_TYPES 2\n10 10\n"
+        "CELL_DATA 2\nFIELD FieldData 1\ntissue 1 2 string\nsoft%20t%C3%AAte\n\n"
+    )
+    assert list(read_here(tmp_path / "m.vtk").cell_sets) == ["soft tête"]
 
 
 def test_groups_of_med_have_their_names(tmp_path: Path) -> None:

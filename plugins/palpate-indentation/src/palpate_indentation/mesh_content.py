@@ -8,6 +8,9 @@ from numpy.typing import NDArray
 
 from palpate.api.mesh import Support
 
+MOST_GROUPS = 100
+"""Distinct numbers or words of cells, at most, that are groups: more of them number each cell."""
+
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class MeshFile:
@@ -47,7 +50,8 @@ def numbered_faces(content: MeshFile) -> dict[str, tuple[NDArray[np.int64], ...]
         of_faces = [block for block, is_one in zip(blocks, is_face, strict=True) if is_one]
         if name.startswith("gmsh:geom") or any(b.ndim > 1 or b.dtype.kind not in "iu" for b in of_faces):
             continue
-        for number in np.unique(np.concatenate(of_faces)) if of_faces else ():
+        numbers = np.unique(np.concatenate(of_faces)) if of_faces else np.empty(0)
+        for number in numbers if len(numbers) <= MOST_GROUPS else ():
             groups[f"{name} {number}"] = tuple(
                 np.flatnonzero((block == number) & is_one)
                 for block, is_one in zip(blocks, is_face, strict=True)

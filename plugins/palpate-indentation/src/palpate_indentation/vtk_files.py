@@ -7,16 +7,18 @@ import base64
 import lzma
 import re
 import zlib
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections import Counter
+from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 from types import MappingProxyType
+from urllib.parse import unquote
 from xml.etree import ElementTree
 
 import numpy as np
 from numpy.typing import NDArray
 
 from palpate.api import MeshError
-from palpate_indentation.mesh_content import MeshFile
+from palpate_indentation.mesh_content import MOST_GROUPS, MeshFile
 
 CELL_TYPES: Mapping[int, tuple[str, int]] = MappingProxyType(
     {
@@ -138,9 +140,11 @@ def _piece(
     nodes, offsets = (arrays.read(named[name]).astype(np.int64) for name in ("connectivity", "offsets"))
     point_data, cell_data = (
         {
-            element.get("Name") or "unnamed": _rows(arrays.read(element), size)
+            element.get("Name") or "unnamed": _rows(values, size)
             for element in piece.iterfind(f"{section}/DataArray")
-            if element.get("type") in {*NUMBERS, "String"} and (size := int(piece.get(count) or 0))
+            if element.get("type") in {*NUMBERS, "String"}
+            and (size := int(piece.get(count) or 0))
+            and ((values := arrays.read(element)).dtype.kind != "U" or values.size == size)
         }
         for section, count in (("PointData", "NumberOfPoints"), ("CellData", "NumberOfCells"))
     )
@@ -189,7 +193,7 @@ class _XmlArrays:
         """Numbers of a DataArray, or its words, flat."""
         if element.get("type") == "String":  # characters as numbers, each word ends with 0
             characters = bytes(self._numbers(element, "<u1").astype(np.uint8).tolist())
-            return np.array(characters.decode(errors="replace").split("\0")[:-1])
+            return np.array(characters.decode(errors="replace").split("\0")[:-1], dtype=np.str_)
         return self._numbers(element, self.order + NUMBERS[element.get("type", "")])
 
     def _numbers(self, element: ElementTree.Element, kind: str) -> Array:
@@ -327,8 +331,9 @@ class _Legacy:
                 width = 8 >> (self.text[self.at] >> 6)  # the first two bits show the size of the length
                 start = self.at + width
                 self.at = end = start + int.from_bytes(self.text[self.at : start]) % (1 << 8 * width - 2)
-            found.append(self.text[start:end].decode(errors="replace").strip())
-        return np.array(found)
+            word = self.text[start:end].decode(errors="replace").strip()
+            found.append(unquote(word) if self.is_text else word)
+        return np.array(found, dtype=np.str_)
 
     def values(self, n: int, dtype: str) -> Array:
         """Next n numbers."""
@@ -382,7 +387,7 @@ class _Legacy:
             is_text = dtype.lower() in ("string", "utf8_string")
             values = self.words(width * length) if is_text else self.values(width * length, dtype)
             if length == n and n and (width == 1 or not is_text):
-                found[name.replace("%20", " ")] = _rows(values, n)
+                found[unquote(name)] = _rows(values, n)
         return found
 
 
@@ -419,7 +424,7 @@ def _content(
         rows.setdefault(name, []).append(here)
     order = {name: np.argsort(np.concatenate(of), kind="stable") for name, of in rows.items()}
     places = [np.concatenate(rows[name])[order[name]] for name in nodes]
-    words = [of for of in cell_data.values() if of.dtype.kind == "U" and len(of) == len(cells)]
+    words = {name: of for name, of in cell_data.items() if of.dtype.kind == "U" and len(of) == len(cells)}
     return MeshFile(
         points=np.asarray(points, dtype=np.float64).reshape(-1, 3),
         blocks=tuple((name, np.concatenate(of)[order[name]]) for name, of in nodes.items()),
@@ -437,10 +442,15 @@ def _numbers(data: Mapping[str, Array], n: int) -> dict[str, Array]:
     return {name: of for name, of in data.items() if len(of) == n and of.dtype.kind != "U"}
 
 
-def _groups(words: Iterable[Array], rows: Sequence[Array]) -> dict[str, tuple[NDArray[np.int64], ...]]:
-    """Rows in each block of the cells that have a word."""
+def _groups(words: Mapping[str, Array], rows: Sequence[Array]) -> dict[str, tuple[NDArray[np.int64], ...]]:
+    """Rows in each block of the cells that have a word, with the array's name where arrays share the word."""
+    distinct = {name: np.unique(of[of != ""]).tolist() for name, of in words.items()}
+    count = Counter(word for of in distinct.values() for word in of)
     return {
-        str(word): tuple(np.flatnonzero(of[block] == word) for block in rows)
-        for of in words
-        for word in np.unique(of)
+        (word if count[word] == 1 else f"{name}: {word}"): tuple(
+            np.flatnonzero(words[name][block] == word) for block in rows
+        )
+        for name, of in distinct.items()
+        if len(of) <= MOST_GROUPS
+        for word in of
     }
