@@ -12,6 +12,8 @@ from palpate.mesh.layers import outer_layer
 from palpate.mesh.specimens import block
 from palpate.mesh.topology import outer_faces
 from palpate_indentation import MeshioSettings, MeshioSource
+from palpate_indentation.mesh_content import MeshFile
+from palpate_indentation.mesh_inspection import _regions
 
 pytestmark = pytest.mark.usefixtures("meshes_here")
 
@@ -86,6 +88,24 @@ def test_a_side_without_a_telling_name_is_pressed_next_to_named_supports(tmp_pat
     assert "did the tool press 'zone'? " in asked
     assert "not used: zone" not in asked
     assert "answer first: is region 'upper' skin?" in inspection.study_text
+
+
+@pytest.mark.parametrize(
+    ("names", "regions"),
+    [
+        (("property 7", "property 9"), {"region_7": "property 7", "region_9": "property 9"}),
+        (("Physical 1", "Volume1"), {"region_1_1": "Physical 1", "region_1_2": "Volume1"}),
+        (("a b", "a_b"), {"a_b_1": "a b", "a_b_2": "a_b"}),
+    ],
+)
+def test_each_group_is_a_region_whatever_its_number(names, regions) -> None:
+    numbers = np.arange(BLOCK.n_cells) < BLOCK.n_cells // 2 - 1
+    content = MeshFile(
+        points=BLOCK.points_mm,
+        blocks=(("hexahedron", BLOCK.cells["hex8"]),),
+        cell_sets={n: (np.flatnonzero(of),) for n, of in zip(names, (numbers, ~numbers), strict=True)},
+    )
+    assert _regions(content) == {"regions": regions}
 
 
 def test_fat_of_a_centimetre_is_no_skin() -> None:

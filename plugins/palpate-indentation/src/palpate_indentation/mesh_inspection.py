@@ -88,8 +88,11 @@ def _regions(content: MeshFile) -> dict[str, Any]:
         chosen = {"region_data": name} if name != "region" else {}
         return chosen | {"regions": dict(zip(named, map(int, labels), strict=True))}
     if groups:
-        numbers = [re.fullmatch(r"(?i)(?:physical|volume) ?(\d+)(?: of dimension 3)?", g) for g in groups]
+        numbers = [
+            re.fullmatch(r"(?i)(?:physical|volume|property) ?(\d+)(?: of dimension 3)?", g) for g in groups
+        ]
         named = [f"region_{n[1]}" if n else region_name(g) for n, g in zip(numbers, groups, strict=True)]
+        named = [f"{of}_{k}" if named.count(of) > 1 else of for k, of in enumerate(named, 1)]
         named = ["soft_tissue"] if len(groups) == 1 else named
         return {"regions": dict(zip(named, groups, strict=True))}
     return {"region_data": "", "regions": {"soft_tissue": 0}}
