@@ -72,6 +72,7 @@ def test_each_field_format_is_the_whole_block(tmp_path: Path, write) -> None:
     held = np.unique(np.concatenate([support.nodes for support in content.supports]))
     np.testing.assert_array_equal(held, HELD)
     assert content.warnings == ()
+    assert content.cell_data["nastran:ref"][0].tolist() == np.where(IN_SKIN, 1, 2).tolist()
 
 
 def test_properties_of_one_name_are_one_group(tmp_path: Path) -> None:

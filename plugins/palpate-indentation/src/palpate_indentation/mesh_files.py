@@ -103,16 +103,11 @@ def _read(path: Path) -> MeshFile:
         raise
     except (Exception, SystemExit) as error:  # its readers raise anything on a corrupt file
         raise MeshError(_why_unreadable(path, complaints.getvalue() or str(error))) from error
-    families = {name: getattr(mesh, name, {}) for name in ("point_tags", "cell_tags")}
     content = MeshFile(
         points=np.asarray(mesh.points, dtype=np.float64),
         blocks=tuple((str(block.type), _cells(path, str(block.type), block.data)) for block in mesh.cells),
-        point_data={str(k): np.asarray(v) for k, v in mesh.point_data.items() if not families.get(k)},
-        cell_data={
-            str(k): tuple(np.asarray(v) for v in blocks)
-            for k, blocks in mesh.cell_data.items()
-            if not families.get(k)
-        },
+        point_data={str(k): np.asarray(v) for k, v in mesh.point_data.items()},
+        cell_data={str(k): tuple(np.asarray(v) for v in blocks) for k, blocks in mesh.cell_data.items()},
         point_sets={str(k): np.asarray(v, dtype=np.int64) for k, v in mesh.point_sets.items()}
         | {name: np.concatenate(rows) for name, rows in _of_families(mesh, "point").items()},
         cell_sets=_cell_sets(mesh),

@@ -187,6 +187,7 @@ class _Bulk:
         return MeshFile(
             points=np.array([*self.points.values()], dtype=np.float64).reshape(-1, 3),
             blocks=blocks,
+            cell_data={"nastran:ref": tuple(np.array(of) for of in self.properties.values())},
             cell_sets=self._groups(),
             supports=tuple(supports),
             warnings=tuple(warnings),
