@@ -18,10 +18,10 @@ ROOT = Path(__file__).parents[2]
 LONGEST_FILE = 500
 LONGEST_FUNCTION = 45
 MOST = {
-    "lines": 78_145,
+    "lines": 78_141,
     "lines of the core": 33_479,
     "classes": 658,
-    "constants": 692,
+    "constants": 693,
     "long files": 0,
     "long functions": 6,
     "docstrings without a noun first": 0,
@@ -61,7 +61,7 @@ def found_in(text: str) -> dict[str, list[str]]:
     return {
         "lines": lines,
         "classes": [node.name for node in nodes if isinstance(node, ast.ClassDef)],
-        "constants": list(constants(tree)),
+        "constants": 693list(constants(tree)),
         "long functions": [f"{name} {n}" for name, n in lengths if n > LONGEST_FUNCTION],
         "docstrings without a noun first": [
             f"{name}: {doc.splitlines()[0]}"
