@@ -61,7 +61,7 @@ def found_in(text: str) -> dict[str, list[str]]:
     return {
         "lines": lines,
         "classes": [node.name for node in nodes if isinstance(node, ast.ClassDef)],
-        "constants": 693list(constants(tree)),
+        "constants": list(constants(tree)),
         "long functions": [f"{name} {n}" for name, n in lengths if n > LONGEST_FUNCTION],
         "docstrings without a noun first": [
             f"{name}: {doc.splitlines()[0]}"
