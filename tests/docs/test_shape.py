@@ -18,8 +18,8 @@ ROOT = Path(__file__).parents[2]
 LONGEST_FILE = 500
 LONGEST_FUNCTION = 45
 MOST = {
-    "lines": 78_141,
-    "lines of the core": 33_479,
+    "lines": 78_151,
+    "lines of the core": 33_489,
     "classes": 658,
     "constants": 693,
     "long files": 0,

@@ -10,8 +10,10 @@ from palpate.errors import MeshError
 from palpate.mesh.topology import CELLS
 
 
-def check_joints(limb: Limb) -> None:
+def check_joints(limb: Limb, *, can_leave_out: bool = False) -> None:
     """Refuse a limb with an element listed twice, with two nodes at one place, or with a separate part.
+
+    ``can_leave_out`` is true if the limb's source has the setting ``leave_out``.
 
     Raises
     ------
@@ -22,7 +24,7 @@ def check_joints(limb: Limb) -> None:
     for kind, cells in mesh.cells.items():
         _check_listed_once(kind, np.sort(cells, axis=1), mesh.points_mm[cells].mean(axis=1))
     _check_doubled_nodes(limb)
-    _check_one_part(limb)
+    _check_one_part(limb, can_leave_out)
 
 
 def _check_listed_once(kind: str, nodes: IntArray, centres: FloatArray) -> None:
@@ -53,7 +55,7 @@ def _check_doubled_nodes(limb: Limb) -> None:
     )
 
 
-def _check_one_part(limb: Limb) -> None:
+def _check_one_part(limb: Limb, can_leave_out: bool) -> None:
     mesh = limb.mesh
     n_parts, part = _connected(mesh.n_nodes, mesh.cells.values())
     if n_parts == 1:
@@ -67,7 +69,8 @@ def _check_one_part(limb: Limb) -> None:
         for each in (part[other], pressed)
     )
     names = [mesh.regions[i] for i in np.unique(there)]
-    how = "remove it" if np.isin(there, here).any() else "name it in leave_out under [limb.settings]"
+    is_mixed = not can_leave_out or np.isin(there, here).any()
+    how = "remove it" if is_mixed else "name it in leave_out under [limb.settings]"
     raise MeshError(
         f"mesh: {n_parts} separate parts; the part of node {other} near {_mm(mesh.points_mm[other])} (region "
         f"{', '.join(names)}) shares no node with the part under spot '{limb.spot.name}'; merge their nodes, "
