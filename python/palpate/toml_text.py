@@ -5,6 +5,9 @@ import re
 from collections.abc import Mapping
 from typing import Any
 
+MARK, ASKED = "CHANGE THIS", "answer first"
+"""Words of a written study next to a copied value, and before a question that `inspect` and `init` repeat."""
+
 
 def toml_value(value: object) -> str:
     """Text of a value in TOML, on one line."""

@@ -41,7 +41,7 @@ if TYPE_CHECKING:
         Inspection as Inspection,
     )
     from palpate.run.atomic_files import write_atomically as write_atomically
-    from palpate.toml_text import toml_document as toml_document, toml_value as toml_value
+    from palpate.toml_text import ASKED as ASKED, toml_document as toml_document, toml_value as toml_value
 
 if not TYPE_CHECKING:
     __getattr__ = deferred(__name__)

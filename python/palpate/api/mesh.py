@@ -54,7 +54,6 @@ if TYPE_CHECKING:
         triangles_of as triangles_of,
         with_midpoints as with_midpoints,
     )
-    from palpate.study.checks import ASKED as ASKED
 
 if not TYPE_CHECKING:
     __getattr__ = deferred(__name__)

@@ -14,9 +14,8 @@ from palpate.experiment.curve_checks import check_sizes, hertz_N, secant_young_M
 from palpate.experiment.measured import read_first
 from palpate.mechanics.homogeneous import MODES, nominal_stress
 from palpate.plugins.catalogue import Plugins
-from palpate.study.checks import MARK
 from palpate.study.reading import Study, read_study
-from palpate.toml_text import toml_value
+from palpate.toml_text import MARK, toml_value
 from palpate.units import convert
 
 WIDE = 4.0

@@ -17,6 +17,7 @@ from palpate.cli.options import AsJson, StudyPath
 from palpate.cli.progress import StageProgress
 from palpate.cli.session import Session
 from palpate.errors import MeshError, StudyError
+from palpate.toml_text import ASKED, MARK
 
 if TYPE_CHECKING:
     from palpate.plugins.optional import Inspection
@@ -112,11 +113,11 @@ def _write_own(
         session.json({"study": name, "folder": str(folder)})
         return
     own, kept = ("test", "ranges") if test else ("presses and meshes", "protocol and ranges")
-    kept = "lines marked CHANGE THIS" if has_marks else kept
+    kept = f"lines marked {MARK}" if has_marks else kept
     session.say(f"{folder / 'study.toml'}: your {own}, everything else from {name}")
     session.note(f"edit before you run: {kept} are copied from {name} and are not yours; check the units")
-    asked = [*found.findings, *re.findall("^# (answer first.*)", text, flags=re.MULTILINE)]
-    for question in dict.fromkeys(each for each in asked if each.startswith("answer first")):
+    asked = [*found.findings, *re.findall(f"^# ({ASKED}.*)", text, flags=re.MULTILINE)]
+    for question in dict.fromkeys(each for each in asked if each.startswith(ASKED)):
         session.note(f"{question} (a comment in the study)")
     session.next("check {folder}", folder=folder)
 
@@ -259,13 +260,13 @@ def _tissues(look: "Inspection | None") -> Sequence[str]:
 
 def _of_layers(experiment: str, *, is_on_skin: bool) -> tuple[str, str]:
     """Contact law of a robot's log of a sphere on skin, and the errors that widen intervals most."""
-    law = "exponent = 1.3   # CHANGE THIS: of a sphere on skin over softer tissue; 1.5 where all is alike"
+    law = f"exponent = 1.3   # {MARK}: of a sphere on skin over softer tissue; 1.5 where all is alike"
     errors = """[budget]
 # Standard deviations. Fixed and tied parameters have half of their value; state yours, such as
 # parameters = { "skin.nu" = "5 %" }. A thickness measured at one spot: [spot.layers] skin = "1.6 mm ± 0.2 mm"
-layers = "10 %"   # CHANGE THIS: of the thickness of each layer
-bone = "1 mm"   # CHANGE THIS: of the depth of the bones
 """
+    errors += f'layers = "10 %"   # {MARK}: of the thickness of each layer\n'
+    errors += f'bone = "1 mm"   # {MARK}: of the depth of the bones\n'
     onset = f"[experiment.settings.onset]\n{law}\n" if is_on_skin and '"robot_log"' in experiment else ""
     return onset, errors
 

@@ -20,8 +20,7 @@ from palpate.mesh.layers import outer_layer
 from palpate.mesh.topology import CELLS, outer_faces
 from palpate.plugins.interfaces import LimbSource
 from palpate.plugins.optional import InspectedTable, Inspection
-from palpate.study.checks import ASKED
-from palpate.toml_text import toml_value
+from palpate.toml_text import ASKED, toml_value
 
 WORDS: Mapping[str, str] = {
     "bone": "bone bones os femur tibia fibula humerus radius ulna patella skull vertebra vertebrae "

@@ -9,9 +9,7 @@ from palpate.domain import Indentation, Parameter, ParameterSpace, RegionMateria
 from palpate.domain.material import IsotropicMaterial
 from palpate.plugins.guard import answering_for
 from palpate.study.reading import Study
-
-MARK, ASKED = "CHANGE THIS", "answer first"
-"""Words of a written study next to a copied value, and before a question that `inspect` and `init` repeat."""
+from palpate.toml_text import ASKED, MARK
 
 
 def unedited_warnings(study: Study) -> Iterator[str]:

@@ -40,6 +40,7 @@ from palpate.study.regions import build_space, build_truth, display_units
 from palpate.study.solver_checks import check_solver, check_times, named_protocols, relaxing_parts
 from palpate.study.source_positions import MOST_SIMULATIONS, KeyLines, check_plain, dotted
 from palpate.study.spots import StudySpot, build_protocol, build_spots
+from palpate.toml_text import ASKED
 
 __all__ = ["Study", "StudySpot", "read_options", "read_study", "relative", "with_study_plugins"]
 
@@ -364,8 +365,8 @@ def _tables(raw: Mapping[str, Any], problems: Problems, text: str) -> StudyFile:
                 valid[name] = TypeAdapter(table).validate_python(raw[name])
             elif declared.is_required():
                 commented = re.search(rf"((?:^#.*\n)+)# \[{name}\]$", text, re.MULTILINE)
-                asked = re.findall("^# answer first: (.+)", commented[1], re.MULTILINE) if commented else []
-                how = f"is in comments; answer first: {'; '.join(asked)}; then remove the # before its lines"
+                asked = re.findall(f"^# {ASKED}: (.+)", commented[1], re.MULTILINE) if commented else []
+                how = f"is in comments; {ASKED}: {'; '.join(asked)}; then remove the # before its lines"
                 problems.add((), f"table [{name}] {how}" if asked else f"missing table [{name}]; add it")
         except ValidationError as error:
             problems.add_invalid((name,), error, declared.annotation)

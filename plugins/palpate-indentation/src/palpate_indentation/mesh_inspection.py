@@ -8,16 +8,8 @@ from typing import Any
 import numpy as np
 
 from palpate.api import IntArray, LimbSource
-from palpate.api.files import InspectedTable, Inspection
-from palpate.api.mesh import (
-    ASKED,
-    SOLIDS,
-    guessed_unit,
-    inspected,
-    likely_sets,
-    region_name,
-    skin_of,
-)
+from palpate.api.files import ASKED, InspectedTable, Inspection
+from palpate.api.mesh import SOLIDS, guessed_unit, inspected, likely_sets, region_name, skin_of
 from palpate_indentation.mesh_content import MeshFile
 
 VOLUME = frozenset(SOLIDS)

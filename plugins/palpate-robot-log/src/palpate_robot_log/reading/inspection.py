@@ -18,7 +18,7 @@ import polars as pl
 from scipy.spatial.transform import Rotation
 
 from palpate.api import CurveError
-from palpate.api.files import InspectedTable, Inspection, kind_of
+from palpate.api.files import ASKED, InspectedTable, Inspection, kind_of
 from palpate_robot_log.checks import LARGEST_TURN_AXIS_ANGLE_DEG
 from palpate_robot_log.measures import longest_step_s
 from palpate_robot_log.processing.chain import Processed
@@ -68,7 +68,7 @@ def inspect_log(path: Path, wrench: Path | None = None) -> Inspection:
     guess = propose(log) if wrench is None else _of_two(log, path, wrench)
     guess, proposal = _chosen(log, _in_order(log, _or_one_angle(log, judged(log, guess))))
     is_log, problem = proposal.loader == RobotLogLoader.name, "; ".join(proposal.questions)
-    tried = [f"answer first: {question}" for question in proposal.questions]
+    tried = [f"{ASKED}: {question}" for question in proposal.questions]
     try:
         if not problem and is_log:
             tried = [*_of_log(log, guess)]

@@ -7,7 +7,7 @@ from typing import Any, NamedTuple
 from pydantic import ValidationError
 
 from palpate.api import CurveError, Settings
-from palpate.api.files import toml_value
+from palpate.api.files import ASKED, toml_value
 
 
 class Entry(NamedTuple):
@@ -62,7 +62,7 @@ class Proposal:
             text = f"# {measured}: the key is the mode of the test\n{text}"
         if not self.questions or any(entry.is_open for entry in self.entries):
             return text
-        asked = [f"answer first: {question}" for question in self.questions]
+        asked = [f"{ASKED}: {question}" for question in self.questions]
         return "".join(f"# {line}".rstrip() + "\n" for line in [*asked, *text.splitlines()])
 
 
