@@ -106,7 +106,9 @@ def _named(path: Path, content: MeshFile, source: str) -> IntArray:
         found = np.flatnonzero(marks)
     elif (name := known_as(source, content.point_sets)) is not None:
         found = content.point_sets[name]
-    elif (name := known_as(source, groups := {**numbered_faces(content), **content.cell_sets})) is not None:
+    elif (name := known_as(source, groups := content.cell_sets)) is not None or (
+        name := known_as(source, groups := numbered_faces(content))
+    ) is not None:
         members = zip(content.blocks, groups[name], strict=True)
         found = np.unique(np.concatenate([cells[rows].ravel() for (_, cells), rows in members]))
     else:
