@@ -1,7 +1,7 @@
 """Decks of FEBio as they are written: points, parts, sets, surfaces and supports, in their own names."""
 
 import xml.etree.ElementTree as ET  # types, and the error; documents are read by defusedxml
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from types import MappingProxyType
@@ -187,10 +187,8 @@ class _Reader:
                 if tag == "Edge":
                     return self.nodes(found, [n for e in found for n in self.integers(e, e.text)])
                 wanted = set(self.set_numbers(found))
-                elements = [
-                    e for e in mesh.iterfind("Elements/elem") if self.integer(e, e.get("id")) in wanted
-                ]
-                return np.unique([n for e in elements for n in self.nodes(e, self.integers(e, e.text))])
+                every = mesh.iterfind("Elements/elem")
+                return self.nodes_of(e for e in every if self.integer(e, e.get("id")) in wanted)
             case "@part_list":
                 of = next((e for e in mesh.findall("PartList") if e.get("name") == rest), None)
                 if of is None:
@@ -199,9 +197,12 @@ class _Reader:
                 parts = {part.strip() for part in (of.text or "").split(",")}
                 if lost := sorted(parts - dict(blocks).keys()):
                     raise self.refused(f"part list '{rest}' names the part '{lost[0]}', which is not there")
-                elements = [e for part, block in blocks if part in parts for e in block.findall("elem")]
-                return np.unique([n for e in elements for n in self.nodes(e, self.integers(e, e.text))])
+                return self.nodes_of(e for p, of in blocks if p in parts for e in of.findall("elem"))
         return self.sets.get(name)
+
+    def nodes_of(self, elements: Iterable[ET.Element]) -> IntArray:
+        """Nodes of some elements, each once."""
+        return np.unique([n for e in elements for n in self.nodes(e, self.integers(e, e.text))])
 
     def rigid_bodies(self, mesh: ET.Element) -> dict[str, IntArray]:
         """Nodes of each rigid body by the name and by the number of its material."""
