@@ -136,16 +136,12 @@ def _basis(data: ReportData, cause: str) -> str:
         return f"{', more than' if _shows_misfit(data) else ' that'} `[budget] discrepancy` states ({stated})"
     if cause == "layers" and any(spot.layers_mm for spot in data.study.spots):
         return " that `[spot.layers]` states"
-    files = (
-        each for response in data.measured.values() for each in response.record.get("files", {}).values()
-    )
-    if (
-        cause in ("onset", "zero")
-        and key not in budget.model_fields_set
-        and any("uncertainty" in f for f in files)
-    ):
+    if key in budget.model_fields_set:
+        return f" that `[budget] {key}` states"
+    files = [file for each in data.measured.values() for file in each.record.get("files", {}).values()]
+    if cause in ("onset", "zero") and any("uncertainty" in file for file in files):
         return ", as the log shows it"
-    return f" that `[budget] {key}` {'states' if key in budget.model_fields_set else 'has by default'}"
+    return f" that `[budget] {key}` has by default"
 
 
 def _more(data: ReportData, worst: Headline) -> str:
