@@ -18,7 +18,7 @@ ROOT = Path(__file__).parents[2]
 LONGEST_FILE = 500
 LONGEST_FUNCTION = 45
 MOST = {
-    "lines": 78_151,
+    "lines": 78_142,
     "lines of the core": 33_489,
     "classes": 658,
     "constants": 693,
