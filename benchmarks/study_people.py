@@ -3,8 +3,8 @@
     python benchmarks/study_people.py
 
 Each person's presses have the curves and the error budget of ``palpate init --study multis``. Blocks are not
-simulated: the emulator gives their force, which bends like the force of a neo-Hookean column as high. A press is
-predicted from the person's others, as `palpate validate` does.
+simulated: the emulator gives their force, which bends like the force of a neo-Hookean column as high. A press
+is predicted from the person's others, as `palpate validate` does.
 """
 
 import argparse
