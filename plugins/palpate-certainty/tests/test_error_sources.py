@@ -182,7 +182,7 @@ def test_the_scatter_of_a_small_curve_is_of_its_largest_value(ended):
     found = error_budget(study, measured, terms, residuals, {}, meshes)[MESH]
     errors = np.stack(list(found.values()), axis=1)
     shown = {row["channel"]: row["shown_by"] for row in mesh_errors(study, terms, residuals, errors, meshes)}
-    assert shown == dict.fromkeys(BOTH, "usual scatter")
+    assert shown == dict.fromkeys(BOTH, "the scatter of other meshes")
 
 
 @pytest.mark.parametrize(

@@ -345,8 +345,8 @@ def test_the_card_lists_what_no_interval_includes(fitted, monkeypatch):
     study = data.study
     assert "Left out" not in dict(card(data).facts)
     monkeypatch.setattr(type(study.solver), "provides", replace(study.solver.provides, body="mesh"))
-    assert dict(card(data).facts)["Left out"] == "errors of depth of the bone, position of the spots"
-    assert said(data)["Left out"] == "errors of depth of the bone, position of the spots"
+    assert dict(card(data).facts)["Left out"] == "errors of depth of the bone or base, position of the spots"
+    assert said(data)["Left out"] == "errors of depth of the bone or base, position of the spots"
     (region,) = study.space.regions
     layered = replace(study.space, regions=(region, replace(region, region="skin")))
     assert (

@@ -207,7 +207,7 @@ def test_a_mesh_that_a_run_refines_by_itself_may_have_more_nodes_or_errs_as_mesh
     refined = replace(data, fit=replace(data.fit, mesh=pl.DataFrame({"coarse": [1.0]})))
     assert said(refined).endswith(f"; raise `fine_nodes` (20,000) in `[fit]`, {again(refined)}")
     row = {"fit": ALL_SPOTS, "scenario": "I", "spot": "p1", "channel": "force", "relative_error": 0.003}
-    table = pl.DataFrame([row]).with_columns(shown_by=pl.lit("usual scatter"))
+    table = pl.DataFrame([row]).with_columns(shown_by=pl.lit("the scatter of other meshes"))
     scattered = with_tables(refined, mesh_errors=table)
     assert said(scattered).endswith(f"; rank further presses: {rank(refined)}")
 

@@ -46,7 +46,7 @@ DECLARED: Mapping[str, Mapping[str, StageTable]] = MappingProxyType(
                         "Standard deviation over the curve, as roots of mean squares."
                     ),
                     "shown_by": TableColumn(
-                        "'two meshes', 'usual scatter', 'one mesh' or 'the study'.", pl.String
+                        "'two meshes', 'the scatter of other meshes', 'one mesh' or 'the study'.", pl.String
                     ),
                 },
             ),

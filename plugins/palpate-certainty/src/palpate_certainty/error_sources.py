@@ -446,7 +446,7 @@ def mesh_errors(
             between = meshes.get(term.spot, SpotMesh()).refinement
             scatter = between.scatter(study.mesh_convergence(channel)) * largest / size
             is_scatter = error**2 <= 3.0 * scatter**2  # the error that two meshes show counts twice
-            shown_by = "usual scatter" if is_scatter else "two meshes"
+            shown_by = "the scatter of other meshes" if is_scatter else "two meshes"
         yield {"spot": term.spot, "channel": name, "relative_error": error, "shown_by": shown_by}
 
 

@@ -153,7 +153,7 @@ def _more(data: ReportData, worst: Headline) -> str:
 def _is_scatter(data: ReportData) -> bool:
     """Whether a run that refines by itself would stop: the rest falls with the edge alone, and slowly."""
     shown = data.table("mesh_errors")
-    return bool(shown.height) and set(shown["shown_by"]) == {"usual scatter"}
+    return bool(shown.height) and set(shown["shown_by"]) == {"the scatter of other meshes"}
 
 
 def _finer(data: ReportData) -> str:
