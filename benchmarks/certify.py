@@ -47,7 +47,7 @@ def certify(
         typer.Option(
             "--into",
             metavar="FILE",
-            help="Write the JSON there too; the report of a run shows it from the run's folder.",
+            help="Write the JSON there too.",
         ),
     ] = None,
     solver: Annotated[
@@ -267,7 +267,7 @@ def palpate_commands() -> list[Command]:
     call = "palpate --plugin benchmarks/certify.py certify"
     lines = (
         call,
-        f"{call} yeoh --mesh limb.vtu --into runs/arm/solver-comparison.json",
+        f"{call} yeoh --mesh limb.vtu --into solver-comparison.json",
         f"{call} --solver my_solver",
         f"{call} --study arm --out /scratch/arm",
     )

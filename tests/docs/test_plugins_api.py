@@ -12,7 +12,6 @@ from palpate.cli.session import Session
 from palpate.study.model import ScenarioTable
 from palpate.testing import bench
 from palpate.testing.studies import StudyRunner
-from palpate_report.data.report_data import CONTACT
 
 ROOT = Path(__file__).parents[2]
 GUIDES = [(ROOT / "docs" / name).read_text(encoding="utf-8") for name in ("plugins-api.md", "plugins-fit.md")]
@@ -46,11 +45,6 @@ def test_every_value_that_a_search_meets_has_its_table():
 def test_a_session_has_the_methods_of_the_page():
     assert {"study", "table", "say", "json", "note", "next"} <= set(TABLES["Session"])
     assert all(hasattr(Session, name) for name in TABLES["Session"])
-
-
-def test_the_diagnostics_are_those_of_the_report():
-    (paragraph,) = re.findall(r"\*\*Diagnostics\*\*.*?\n\n", GUIDES[0], flags=re.DOTALL)
-    assert set(CONTACT) | {"depth_mm", "rotation_deg"} <= set(re.findall(r"`(\w+)`", paragraph))
 
 
 def test_the_scenario_is_read():

@@ -18,10 +18,10 @@ ROOT = Path(__file__).parents[2]
 LONGEST_FILE = 500
 LONGEST_FUNCTION = 45
 MOST = {
-    "lines": 78_142,
-    "lines of the core": 33_489,
+    "lines": 78_035,
+    "lines of the core": 33_479,
     "classes": 658,
-    "constants": 693,
+    "constants": 692,
     "long files": 0,
     "long functions": 6,
     "docstrings without a noun first": 0,

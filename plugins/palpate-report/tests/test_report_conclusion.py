@@ -329,7 +329,7 @@ def test_few_sets_and_many_failures_are_named_by_reason(content):
     assert "narrow the ranges" in why
 
 
-def test_searches_conventions_solver_comparisons_and_unfinished_sets_are_named(content):
+def test_searches_conventions_and_unfinished_sets_are_named(content):
     made = content(search=LeastSquares())
     region = replace(made.study.space.regions[0], convention="febio4")
     study = replace(
@@ -340,15 +340,11 @@ def test_searches_conventions_solver_comparisons_and_unfinished_sets_are_named(c
     table = made.fit.table.with_columns(message=pl.lit("stopped after 40 steps"))
     doubtful = replace(
         made, study=study, fit=replace(made.fit, table=table),
-        comparisons={
-            "solver-comparison.json": {"passed": False}, "solver-comparison-good.json": {"passed": True},
-        },
         selection=made.selection.with_columns(partial=pl.lit(True)),
     )  # fmt: skip
     assert about(doubtful, "Not every search") == "stopped after 40 steps."
     assert "close to zero" in about(doubtful, "mean of the measured")
     assert about(doubtful, "convention 'febio4'")
-    assert "solver-comparison.json" in about(doubtful, "solvers")
     unfinished = replace(doubtful, fit=replace(made.fit, table=table[:0]))
     assert "p1, scenario I" in about(unfinished, "did not finish")
     assert about(made, "did not finish") is None

@@ -15,7 +15,7 @@ import polars as pl
 import pytest
 
 import palpate_report
-from palpate.domain import Indentation, Job, Simulation, Status
+from palpate.domain import Indentation
 from palpate.domain.indenter import Sphere
 from palpate.errors import MeshError
 from palpate.fit.least_squares import LeastSquares
@@ -24,7 +24,6 @@ from palpate.plugins.sections import Drawing, Fold, Listing, ReportWarning, Sect
 from palpate.run.result import FitResult
 from palpate.run.tables import DECLARED
 from palpate_report.answer.result import make_conclusion
-from palpate_report.data.report_data import contact_along
 from palpate_report.data.tables import TITLES, make_tables
 from palpate_report.figures.limb_view import limb_view
 from palpate_report.figures.scene import scene
@@ -282,20 +281,10 @@ def test_what_a_run_lacks_has_no_section(page):
     assert {"curves", "space", "distribution", "channels", "convergence", "provenance"} <= sections
 
 
-def test_provenance_has_every_leaf_of_the_manifest_and_each_solver_comparison(page):
-    row = {"problem": "block", "difference": 0.002, "tolerance": 0.01, "verdict": "agrees", "note": None}
-    comparison = {"passed": True, "rows": [row], "missing": ["no solver here"], "solvers": {"a": "1"}}
-    made = page(
-        lambda c: replace(
-            c, comparisons={"solver-comparison.json": comparison, "solver-comparison-2.json": []}
-        )
-    )
-    text = made.text()
-    for word in ("normaliser", "mean_abs", "soft_tissue", "textbook", "study.toml", "agrees", "0.002"):
+def test_provenance_has_every_leaf_of_the_manifest(page):
+    text = page(lambda c: c).text()
+    for word in ("normaliser", "mean_abs", "soft_tissue", "textbook", "study.toml"):
         assert word in text
-    assert "no solver here" in text
-    assert "Compared: a 1." in text
-    assert text.count("were not found to agree") == 2  # once more in the conclusion
 
 
 # ------------------------------------------------------------------- sections
@@ -447,15 +436,3 @@ def test_a_limb_is_shown_without_a_tool_whose_file_is_lost():
     limb = block("tet4", n_across=4, n_down=3)
     protocol = Indentation(indenter=Lost(radius_mm=7.5), path=[(0, 0), (4, 0)], friction=1.0)
     assert scene(limb, protocol, 1000) == scene(limb, None, 1000)
-
-
-def test_contact_is_taken_only_from_diagnostics_along_the_path():
-    def reported(**diagnostics):
-        job = Job(spot="p", set_id=3, materials={}, thetas={}, protocol=None)
-        return contact_along([Simulation(job=job, status=Status.OK, response=None, diagnostics=diagnostics)])
-
-    path = {"depth_mm": [1.0, 2.0], "rotation_deg": [0, 0]}
-    found = reported(**path, sticking=[1.0, 0.5], penetration_mm=[0.1], contact_radius_mm="a")
-    assert found == {("p", 3): path | {"sticking": [1.0, 0.5]}}
-    assert reported(sticking=[1.0]) == {}
-    assert reported(**path) == {}

@@ -45,7 +45,6 @@ def widened():
         design=SimpleNamespace(n_sets=9),
         unfinished="",
         verification=pl.DataFrame(),
-        comparisons={},
     )
     data.widened = ReportData.widened.func(data)
     return data

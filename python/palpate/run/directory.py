@@ -285,16 +285,6 @@ class RunDirectory:
             reported_curves=found["reported_curves"],
         )
 
-    def comparisons(self) -> dict[str, Any]:
-        """Read what was kept here as ``solver-comparison*.json``, by file name; not JSON is its error."""
-        found: dict[str, Any] = {}
-        for path in sorted(self.folder.glob("solver-comparison*.json")):
-            try:
-                found[path.name] = json.loads(path.read_text(encoding="utf-8"))
-            except (ValueError, OSError, RecursionError) as error:
-                found[path.name] = {"missing": [f"{path.name} cannot be read: {error}"]}
-        return found
-
     # ----------------------------------------------------------------------- files
 
     def _measured(self, spot: str) -> Path:

@@ -37,7 +37,7 @@ from palpate_report.answer.headline import with_verdicts
 from palpate_report.answer.paper_tables import materials_of, paper_tables
 from palpate_report.answer.result import Report, make_conclusion
 from palpate_report.data.display_units import in_display_units
-from palpate_report.data.report_data import ReportData, by_spot, contact_along
+from palpate_report.data.report_data import ReportData, by_spot
 from palpate_report.data.showable import checked
 from palpate_report.data.table_files import write_tables
 from palpate_report.data.tables import make_tables
@@ -110,11 +110,9 @@ def report_data(run: Run, *, unfinished: str = "") -> ReportData:
         responses={(s.job.spot, s.job.set_id): s.response for s in swept if s.response is not None},
         tables=tables,
         convergence=by_spot(swept),
-        contact=contact_along(swept),
         limbs=inputs.limbs,
         manifest=run.directory.manifest(),
         verification=pl.DataFrame() if unfinished else run.table("verification"),
-        comparisons=run.directory.comparisons(),
         unfinished=unfinished,
         **_simulated(run.directory.folder),
         surfaces=run.surfaces(),

@@ -436,10 +436,6 @@ def _about_simulations(data: ReportData) -> Iterator[ReportWarning]:
         f"{len(failed)} of {len(data.verification)} selected sets failed verification",
         [f"{row['spot']}, set {row['set_id']}: {row['message']}" for row in failed],
     )
-    for file, comparison in data.comparisons.items():
-        if not isinstance(comparison, Mapping) or comparison.get("passed") is not True:
-            why = f"See the rows of {file} under provenance."
-            yield warn("solvers-disagree", "The solvers were not found to agree", why)
     n_parameters, n_sets = len(data.design.parameters), min(data.completeness.simulated.values())
     if n_sets < FEW_SETS * n_parameters and data.fit.table.is_empty():
         yield warn(

@@ -6,7 +6,6 @@ from dataclasses import dataclass, field, replace
 from functools import cached_property
 from itertools import product
 from pathlib import Path
-from types import MappingProxyType
 from typing import Any
 
 import polars as pl
@@ -25,7 +24,6 @@ from palpate.api import (
     Summary,
     SurfaceStates,
 )
-from palpate.api.experiment import POSE
 from palpate.api.fit import (
     ALL_SPOTS,
     MODULUS,
@@ -42,20 +40,6 @@ from palpate.api.runs import ASSESSED, Completeness, Study, completeness, withou
 from palpate_report.data.best import Best, bests_of, headlines_of, weighted_channels
 from palpate_report.data.marks import Headline
 from palpate_report.settings import BY_ITSELF, ReportSettings
-
-CONTACT: Mapping[str, str] = MappingProxyType(
-    {
-        "contact_radius_mm": "contact radius [mm]",
-        "penetration_mm": "deepest penetration [mm]",
-        "sticking": "share of the contact that sticks",
-    }
-)
-"""Diagnostics of contact that a solver may give for each step of its path, and their labels.
-
-It does so in its diagnostics, as lists as long as ``depth_mm`` and the other columns of the pose there.
-"""
-
-Contact = Mapping[str, list[float]]
 
 
 def by_spot(simulations: Iterable[Simulation]) -> pl.DataFrame:
@@ -92,24 +76,6 @@ def by_spot(simulations: Iterable[Simulation]) -> pl.DataFrame:
     )
 
 
-def contact_along(simulations: Iterable[Simulation]) -> dict[tuple[str, int], Contact]:
-    """Collect the contact along the path by spot and set, of the simulations that report it."""
-    found = {s.id: _contact(s.diagnostics) for s in simulations}
-    return {key: contact for key, contact in found.items() if contact}
-
-
-def _contact(diagnostics: Mapping[str, Any]) -> Contact:
-    """Path and contact as far as they are lists of numbers, all of one length."""
-    lists = {name: diagnostics[name] for name in (*POSE, *CONTACT) if _are_numbers(diagnostics.get(name))}
-    depths = lists.get(POSE[0], [])
-    found = {name: values for name, values in lists.items() if depths and len(values) == len(depths)}
-    return found if found.keys() & CONTACT.keys() else {}
-
-
-def _are_numbers(values: object) -> bool:
-    return isinstance(values, list) and bool(values) and all(isinstance(v, (int, float)) for v in values)
-
-
 @dataclass(frozen=True, kw_only=True, eq=False)
 class ReportData:
     """The results of a run, as the stages left them.
@@ -129,16 +95,12 @@ class ReportData:
         Tables of the stages, by the present fit and sweep.
     convergence : DataFrame
         As :func:`palpate_report.data.report_data.by_spot` returns it.
-    contact : mapping of (spot, set_id) to mapping
-        Contact along the path, as :func:`palpate_report.data.report_data.contact_along` collects it.
     limbs : mapping of str to Limb
         By spot, and finer meshes by ``SPOT/fine``; empty where there is no mesh.
     manifest : mapping
         What the numbers depended on, as :func:`palpate.run.manifest.manifest` returns it.
     verification : DataFrame
         As :func:`palpate.simulation.verification.verify` returns it; empty where the solver has none.
-    comparisons : mapping of file name to its content
-        Comparisons of solvers that ``benchmarks/certify.py`` has written to the run directory.
     factors : mapping of full parameter name to number
         Factors from the material's unit to the unit of the values here, where they differ.
     pictures : mapping of spot name to sequence of Path
@@ -175,11 +137,9 @@ class ReportData:
     responses: Mapping[tuple[str, int], Response]
     tables: Mapping[str, pl.DataFrame] = field(default_factory=dict)
     convergence: pl.DataFrame = field(default_factory=pl.DataFrame)
-    contact: Mapping[tuple[str, int], Contact] = field(default_factory=dict)
     limbs: Mapping[str, Limb] = field(default_factory=dict)
     manifest: Mapping[str, Any] = field(default_factory=dict)
     verification: pl.DataFrame = field(default_factory=pl.DataFrame)
-    comparisons: Mapping[str, Any] = field(default_factory=dict)
     factors: Mapping[str, float] = field(default_factory=dict)
     pictures: Mapping[str, Sequence[Path]] = field(default_factory=dict)
     sections: Mapping[str, type[Section]] = field(default_factory=dict)

@@ -22,7 +22,7 @@ from palpate_report.answer.material import material_curves
 from palpate_report.answer.model_verdict import NO_PARAMETERS, model_verdict
 from palpate_report.data.report_data import ReportData
 from palpate_report.figures.material import stress_strain
-from palpate_report.figures.panels import causes, contact, limbs, pressed, pressures, profiles, sobol_indices
+from palpate_report.figures.panels import causes, limbs, pressed, pressures, profiles, sobol_indices
 from palpate_report.figures.space import parameter_space
 from palpate_report.figures.style import (
     LEAST_COLOUR,
@@ -80,7 +80,6 @@ def _drawings(data: ReportData) -> Iterator[tuple[str, bool, Callable[[ReportDat
     yield "sobol_indices", not data.table("sobol_indices").is_empty(), sobol_indices
     yield "limbs", not data.limbs.keys().isdisjoint(data.spots), limbs
     yield "pressures", bool(pressed(data)), pressures
-    yield "contact", bool(data.contact), contact
 
 
 def _saved(draw: Callable[[], Figure], stem: Path, settings: ReportSettings) -> list[Path]:

@@ -1,17 +1,16 @@
-"""Figures of causes, of the posterior, and of the contact."""
+"""Figures of causes, limbs, pressures, and the posterior."""
 
 import colorsys
 import zlib
 from collections.abc import Iterator
 from typing import Any
 
-import numpy as np
 from matplotlib.figure import Figure
 
 from palpate.api import Indentation, SurfaceStates, convert
 from palpate.api.fit import RISE
 from palpate_report.answer.next_step import COLOURS, cause_name
-from palpate_report.data.report_data import CONTACT, ReportData
+from palpate_report.data.report_data import ReportData
 from palpate_report.figures.limb_drawing import draw_limb, from_the_side, legend_of
 from palpate_report.figures.limb_view import ViewPart, limb_view
 from palpate_report.figures.scene import coarsened, deepest
@@ -147,22 +146,6 @@ def sobol_indices(data: ReportData) -> Figure:
             )
             axis.set(xlabel=f"point of the {channel}", ylabel=f"share at {spot} (%)", ylim=(0.0, 100.0))
     return finished(figure, axes.flat, data.stamp)
-
-
-def contact(data: ReportData) -> Figure:
-    """Draw the contact along the path of the set that was selected at each spot."""
-    rows = data.selection.filter(scenario=data.generalising.name).iter_rows(named=True)
-    found = {row["spot"]: data.contact.get((row["spot"], row["set_id"]), {}) for row in rows}
-    names = [name for name in CONTACT if any(name in path for path in found.values())]
-    figure, axes = _panels(len(names), 50.0)
-    for axis, name in zip(axes, names, strict=True):
-        for k, (spot, path) in enumerate(found.items()):
-            if name in path:
-                colour, dash = LINES[k % len(LINES)]
-                steps = np.arange(1, len(path[name]) + 1)
-                axis.plot(steps, path[name], color=colour, linestyle=dash, marker=".", label=spot)
-        axis.set(xlabel="step of the path", ylabel=CONTACT[name], ylim=(0.0, None))
-    return finished(figure, axes, data.stamp)
 
 
 def _panels(n: int, height_mm: float) -> tuple[Figure, list[Any]]:

@@ -1,9 +1,8 @@
-"""Sections on the origins of the numbers: limb, deformation, contact, and what they depended on."""
+"""Sections on the origins of the numbers: limb, deformation, and what they depended on."""
 
 import io
 from collections.abc import Iterator, Mapping
 from pathlib import Path
-from typing import Any
 
 from palpate.api import SurfaceStates, convert
 from palpate.api.report import (
@@ -11,8 +10,6 @@ from palpate.api.report import (
     Block,
     Drawing,
     Fold,
-    Heading,
-    Listing,
     Paragraph,
     Picture,
     Section,
@@ -24,7 +21,6 @@ from palpate_report.answer.result import Report
 from palpate_report.data.marks import in_words
 from palpate_report.data.report_data import ReportData
 from palpate_report.figures.scene import deepest
-from palpate_report.sections.tables import picture
 
 
 def _numbers(states: SurfaceStates, factor: float) -> list[float]:
@@ -96,13 +92,13 @@ def _small(path: Path) -> bytes | None:
 
 
 class LimbAndDeformation(Section):
-    """The mesh, the skin under the press, and what touches it."""
+    """The mesh, and the skin under the press."""
 
     name, title, entry = "limb", "Limb and deformation", "Limb"
-    summary = "the mesh with the indenter, the skin along the path of the press, and the contact"
+    summary = "the mesh with the indenter, and the skin along the path of the press"
 
     def blocks(self, data: ReportData, report: Report) -> Iterator[Block]:
-        """Show the skin along the path, the mesh, and the contact of the set that was selected."""
+        """Show the skin along the path, and the mesh."""
         yield from _deformed(data)
         if data.limbs:
             yield Paragraph(
@@ -110,10 +106,6 @@ class LimbAndDeformation(Section):
                 "Drag to turn; click a name to hide or show a part."
             )
             yield Drawing("limb")
-        if "contact" in report.pictures:
-            yield Heading("Contact along the path")
-            yield Paragraph(f"At each spot, with the set that scenario {data.generalising.name} selected.")
-            yield from picture(report, "contact", "Contact at each step of the path, by spot")
 
     def result(self, data: ReportData, report: Report) -> str:
         """Largest contact pressure of the press."""
@@ -165,7 +157,7 @@ class Provenance(Section):
     """Section on what every number depended on."""
 
     name, title = "provenance", "Provenance"
-    summary = "versions, hashes, settings and conventions, and comparisons of solvers"
+    summary = "versions, hashes, settings and conventions"
 
     def blocks(self, data: ReportData, report: Report) -> Iterator[Block]:
         """Show the manifest."""
@@ -174,8 +166,6 @@ class Provenance(Section):
         if found:
             files = " and ".join(f"tables/{name}.csv" for name in found)
             yield Paragraph(f"Coefficients, each in its convention: {files}.")
-        for name, comparison in data.comparisons.items():
-            yield from _comparison(name, comparison if isinstance(comparison, Mapping) else {})
         if not data.processor_time.is_empty():
             spent = cost_rows(data.processor_time)
             yield Table("Processor time, without this page", COST_HEADS, spent)
@@ -190,29 +180,6 @@ class Provenance(Section):
         versions = data.manifest.get("versions", {})
         found = {"palpate": versions.get("palpate"), "solver": data.study.solver.name}
         return ", ".join(f"{name} {shown(value)}" for name, value in found.items() if value)
-
-
-def _comparison(name: str, found: Mapping[str, Any]) -> Iterator[Block]:
-    """Show a comparison of solvers as far as it has the form of one."""
-    yield Heading(name)
-    agree = "The solvers agree." if found.get("passed") is True else "The solvers were not found to agree."
-    solvers = found.get("solvers")
-    versions = solvers.items() if isinstance(solvers, Mapping) else ()
-    compared = ", ".join(f"{solver} {shown(version)}" for solver, version in versions)
-    yield Paragraph(f"{agree} Compared: {compared}." if compared else agree)
-    if missing := found.get("missing"):
-        yield Listing([("", shown(item)) for item in missing])
-    rows = [row for row in found.get("rows") or [] if isinstance(row, Mapping)]
-    columns = list(dict.fromkeys(str(key) for row in rows for key in row))
-    if rows:
-        heads = list(map(in_words, columns))
-        yield Table(
-            f"Solvers compared: {name}", heads, [[_plain(row.get(c)) for c in columns] for row in rows]
-        )
-
-
-def _plain(value: object) -> str | float | bool | None:
-    return value if isinstance(value, (str, int, float, bool)) or value is None else shown(value)
 
 
 def _leaves(value: object, path: str) -> Iterator[tuple[str, str]]:
