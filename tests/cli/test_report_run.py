@@ -47,7 +47,7 @@ source = "block"
 @pytest.fixture
 def with_limb(study, monkeypatch):
     """Toy study whose solver wants a mesh at each of its two spots."""
-    monkeypatch.setattr("palpate.limb.loading.check_limb", lambda *_: None)
+    monkeypatch.setattr("palpate.limb.loading.check_limb", lambda *_, **__: None)
     monkeypatch.setattr("palpate.limb.loading.check_depth", lambda *_: None)
     path = study / "study.toml"
     text = path.read_text().replace('"closed_form"', '"meshed"').replace("n_sets = 20", "n_sets = 4")
