@@ -29,8 +29,10 @@ def test_what_is_missing_is_made_by_the_whole_run(call, unswept, command):
     refused = call(command, unswept)
     assert refused.code == 2
     assert "not there yet; run `palpate --plugin" in refused.err
-    assert f"run {unswept} --out runs/toy` first" in refused.err
+    assert f"run {unswept}` first" in refused.err
     assert "sample" not in refused.err
+    elsewhere = call(command, unswept, "--out", "other")
+    assert f"run {unswept} --out other` first" in elsewhere.err
 
 
 def test_the_gallery_shows_a_run_without_a_sweep(run_without_sweep, tmp_path, monkeypatch):

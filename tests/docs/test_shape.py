@@ -18,8 +18,8 @@ ROOT = Path(__file__).parents[2]
 LONGEST_FILE = 500
 LONGEST_FUNCTION = 45
 MOST = {
-    "lines": 78_035,
-    "lines of the core": 33_479,
+    "lines": 78_040,
+    "lines of the core": 33_484,
     "classes": 658,
     "constants": 692,
     "long files": 0,

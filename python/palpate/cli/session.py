@@ -59,6 +59,8 @@ class Session:
         self.make_app = make_app
         self.asked: Path | None = None
         """Study that was read last."""
+        self.usual_out = ""
+        """Option ``--out`` with the folder of its run, as it is without the option."""
         self.began_processor_s = process_time()
         """Processor time of this process when the command began."""
 
@@ -124,7 +126,9 @@ class Session:
         known = self.plugins.broken
         self.plugins = with_study_plugins(path, self.plugins)
         self.refuse_broken(each for each in self.plugins.broken if each not in known)
-        return read_study(path, self.plugins, need_measured=need_measured)
+        study = read_study(path, self.plugins, need_measured=need_measured)
+        self.usual_out = f" --out {typed(run_folder(study, None))}"
+        return study
 
     def note(self, text: str) -> None:
         """Print a message to stderr (rich markup)."""
@@ -154,7 +158,8 @@ class Session:
         study = typed(self.asked)
 
         def command(found: re.Match[str]) -> str:
-            return f"`palpate {self._options}{found[1]}{study}{found[2]}`"
+            options = found[2].removesuffix(self.usual_out)
+            return f"`palpate {self._options}{found[1]}{study}{options}`"
 
         return re.sub(r"`palpate ([^`]* )STUDY((?: [^`]*)?)`", command, text)
 
