@@ -18,7 +18,7 @@ ROOT = Path(__file__).parents[2]
 LONGEST_FILE = 500
 LONGEST_FUNCTION = 45
 MOST = {
-    "lines": 78_040,
+    "lines": 78_044,
     "lines of the core": 33_484,
     "classes": 658,
     "constants": 692,

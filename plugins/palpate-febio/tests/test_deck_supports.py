@@ -224,6 +224,34 @@ def test_a_section_is_in_the_file_that_the_deck_names(tmp_path, section, why):
         load(deck)
 
 
+@pytest.mark.parametrize("attribute", ["from", "file"])
+def test_supports_in_another_file_are_read(tmp_path, attribute):
+    deck = deck_of(tmp_path, PLAIN, f'<Boundary {attribute}="held.feb"/>')
+    held = f"<Boundary>{ZERO.format('cuts')}{ZERO.format('bone')}</Boundary>"
+    (tmp_path / "held.feb").write_text(f'<febio_spec version="4.0">{held}</febio_spec>')
+    assert counts(load(deck)) == (45, 25)
+
+
+@pytest.mark.parametrize(
+    ("more", "why"),
+    [
+        ('<material id="9" name="tissue" type="rigid body"/>', "the name 'tissue'"),
+        ('<material id="1" name="gel" type="rigid body"/>', "the id '1'"),
+    ],
+)
+def test_two_materials_of_one_name_or_id_are_refused(tmp_path, more, why):
+    held = f"<Boundary>{ZERO.format('cuts')}{ZERO.format('bone')}</Boundary>"
+    deck = deck_of(tmp_path, PLAIN, f"<Include>more.feb</Include>{held}")
+    same = re.search(r"<material.*?</material>", PLAIN, re.DOTALL)[0]
+    for material in (same, more):
+        section = f"<Material>{material}</Material>"
+        (tmp_path / "more.feb").write_text(f'<febio_spec version="4.0">{section}</febio_spec>')
+        if material is same:
+            assert counts(load(deck)) == (45, 25)
+    with pytest.raises(MeshError, match=f"two materials have {why}; give each its own"):
+        load(deck)
+
+
 def test_files_that_include_each_other_manifold_are_refused(tmp_path, monkeypatch):
     for k in range(4):
         includes = f"<Include>{k + 1}.feb</Include>" * 10

@@ -91,10 +91,10 @@ def _parsed(path: Path, sizes: list[int]) -> ET.Element:
 
 
 def _joined(path: Path, root: ET.Element, sizes: list[int], by: tuple[Path, ...] = ()) -> ET.Element:
-    """Deck with the sections of the files of its folder that it includes, whole or by ``from``."""
+    """Deck with the sections of the files of its folder that it includes, whole or by attribute."""
     for k, section in reversed(list(enumerate(root))):
         is_whole = section.tag == "Include"
-        named = (section.text or "").strip() if is_whole else section.get("from")
+        named = (section.text or "").strip() if is_whole else section.get("from", section.get("file"))
         if named is None:
             continue
         if not _inside(named):
@@ -300,11 +300,15 @@ class _Reader:
 
     def materials(self) -> dict[str, tuple[str, str]]:
         """Name and FEBio's type of each material, by what the deck may call it."""
-        found = {}
+        found, written = dict[str, tuple[str, str]](), dict[str, str]()
         for element in self.root.iterfind("Material/material"):
-            name = element.get("name") or f"material{element.get('id')}"
+            name, number = element.get("name") or f"material{element.get('id')}", element.get("id", "")
+            text = " ".join(ET.tostring(element, encoding="unicode").split())
+            for what, of in (("name", name), ("id", number)):
+                if written.setdefault(f"{what} {of}", text) != text and of:
+                    raise self.refused(f"two materials have the {what} '{of}'; give each its own")
             found[name] = name, element.get("type", "")
-            found.setdefault(element.get("id", ""), found[name])  # FEBio 3 may name it by number
+            found.setdefault(number, found[name])  # FEBio 3 may name it by number
         return found
 
     def nodes(self, element: ET.Element, numbers: list[int]) -> IntArray:
