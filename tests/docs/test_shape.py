@@ -18,8 +18,8 @@ ROOT = Path(__file__).parents[2]
 LONGEST_FILE = 500
 LONGEST_FUNCTION = 45
 MOST = {
-    "lines": 78_044,
-    "lines of the core": 33_484,
+    "lines": 78_052,
+    "lines of the core": 33_492,
     "classes": 658,
     "constants": 692,
     "long files": 0,

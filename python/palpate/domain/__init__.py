@@ -146,12 +146,15 @@ class Limb:
         Sentences on parts that were read, left out or changed.
     warnings : tuple of str
         Sentences on possible mistakes of the limb.
+    absent : tuple of str
+        Names of the source's setting ``leave_out`` that its mesh does not have.
     """
 
     spot: Spot
     mesh: Mesh
     remarks: tuple[str, ...] = ()
     warnings: tuple[str, ...] = ()
+    absent: tuple[str, ...] = ()
 
 
 FINE = "/fine"

@@ -190,6 +190,11 @@ def _check_every_region(study: Study, limbs: Mapping[str, Limb], there: Set[str]
             f"no mesh has region '{absent[0]}', which rigid under [limb] names; correct its name (regions "
             f"of the meshes: {', '.join(sorted(there))})"
         )
+    if nowhere := frozenset.intersection(*(frozenset(limb.absent) for limb in limbs.values())):
+        raise MeshError(
+            f"no mesh has elements of '{min(nowhere)}', which leave_out under [limb.settings] names; correct "
+            "its name (`palpate limb inspect MESH` lists the names), or remove it there"
+        )
     used = frozenset[str]().union(*(limb.mesh.used_regions for limb in limbs.values()))
     for region in study.space.regions:
         if region.region not in used:

@@ -371,6 +371,23 @@ def test_a_rigid_region_is_in_one_mesh_at_least(make_study, tissue, tmp_path):
         load_limbs(replace(study, spots=tuple(spots[1:2])))
 
 
+def test_what_is_left_out_is_in_one_mesh_at_least(make_study, tissue, tmp_path):
+    class Meshed(tissue.Analytic):
+        provides = Provides()
+
+    class Named(Source):
+        def load(self, path, spot):
+            return replace(block("hex8", n_across=2, n_down=2), spot=spot, absent=absent[path.stem])
+
+    study = make_study(solver=Meshed(), limb_source=Named(), protocol=None)
+    spots = [replace(s, mesh=tmp_path / f"{s.spot.name}.vtu") for s in study.spots]
+    absent = {s.spot.name: ("gel",) for s in spots}
+    with pytest.raises(MeshError, match="no mesh has elements of 'gel', which leave_out under"):
+        load_limbs(replace(study, spots=tuple(spots)))
+    absent["p1"] = ()
+    assert {*load_limbs(replace(study, spots=tuple(spots)))} == {*absent}
+
+
 def test_check_prints_warnings_about_a_limb(make_study, tissue, plugins, tmp_path):
     class Meshed(tissue.Analytic):
         provides = Provides()

@@ -54,6 +54,7 @@ class Deck:
     supports: tuple[Support, ...]
     touched: tuple[str, ...]
     warnings: tuple[str, ...]
+    absent: tuple[str, ...]  # what is to be left out and is not there
 
 
 def read_deck(path: Path, leave_out: Sequence[str] = ()) -> Deck:
@@ -161,6 +162,7 @@ class _Reader:
             in_limb=frozenset(n for part in parts for n in np.unique(part.cells).tolist()),
         )
         conditions = DeckSupports(self.root, names).read()
+        named_parts = {self.part_name(block, k) for k, block in enumerate(mesh.findall("Elements"))}
         return Deck(
             points=points,
             parts=parts,
@@ -170,6 +172,7 @@ class _Reader:
             supports=tuple(conditions.supports),
             touched=conditions.pressed(),
             warnings=tuple(conditions.warnings),
+            absent=tuple(name for name in self.leave_out if name not in {*named_parts, *self.materials()}),
         )
 
     def named(self, name: str) -> IntArray | None:

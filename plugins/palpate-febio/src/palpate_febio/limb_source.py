@@ -129,6 +129,7 @@ class FebioDeckSource(LimbSource[FebioDeckSettings]):
             mesh=mesh,
             remarks=(*remarks, *fixed.remarks),
             warnings=(*deck.warnings, *fixed.warnings),
+            absent=deck.absent,
         )
 
     def _regions(self, path: Path, deck: Deck) -> Mapping[str, str]:

@@ -118,7 +118,7 @@ class MeshioSource(LimbSource[MeshioSettings]):
             the message names what the file has.
         """
         settings = self.settings
-        content = _limb_alone(path, read_mesh_file(path), settings)
+        content, absent = _limb_alone(read_mesh_file(path), settings)
         points = _points_mm(path, content, settings.unit)
         volume, ids = _volume(path, content, settings)
         other = sorted({content.blocks[k][0] for k in volume} - set(KINDS))
@@ -146,28 +146,24 @@ class MeshioSource(LimbSource[MeshioSettings]):
             mesh=mesh,
             remarks=(*remarks, *fixed.remarks),
             warnings=(*content.warnings, *fixed.warnings),
+            absent=absent,
         )
 
 
-def _limb_alone(path: Path, content: MeshFile, settings: MeshioSettings) -> MeshFile:
-    """Content without the elements of the setting ``leave_out``; a name without elements is refused."""
+def _limb_alone(content: MeshFile, settings: MeshioSettings) -> tuple[MeshFile, tuple[str, ...]]:
+    """Content without the elements of the setting ``leave_out``, and its names that have no element here."""
     kept = [np.ones(len(cells), dtype=np.bool_) for _, cells in content.blocks]
-    numbers = content.cell_data.get(settings.region_data, ())
+    numbers, absent = content.cell_data.get(settings.region_data, ()), list[str]()
     for what in settings.leave_out:
         if isinstance(what, int):
             left = tuple(np.flatnonzero(block == what) for block in numbers)
-            there = {str(n) for block in numbers for n in np.unique(block)[:100]}
         else:
             left = content.cell_sets.get(known_as(what, content.cell_sets) or "", ())
-            there = {*content.cell_sets}
-        if not any(map(len, left)):
-            raise MeshError(
-                f"{path}: no elements of '{what}', which leave_out names; correct it (there: "
-                f"{', '.join(sorted(there)) or 'none'}), or remove it from leave_out"
-            )
-        for block, rows in zip(kept, left, strict=True):
+        absent += [] if any(map(len, left)) else [str(what)]
+        for block, rows in zip(kept, left, strict=bool(left)):
             block[rows] = False
-    return of_rows(content, [np.flatnonzero(block) for block in kept]) if settings.leave_out else content
+    alone = of_rows(content, [np.flatnonzero(block) for block in kept]) if settings.leave_out else content
+    return alone, tuple(absent)
 
 
 def _fixed(
