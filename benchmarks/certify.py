@@ -15,9 +15,9 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 
 from palpate.api import PalpateError, PluginError, StudyError, hookimpl
-from palpate.api.cli import AsJson, Command, OutFolder, Session, examples, run_folder
+from palpate.api.cli import AsJson, Command, Session, examples
 from palpate.api.runs import FIRST_PARTY, answering_for
-from palpate_febio.api import FebioSolver, probe_theta, verified_sets
+from palpate_febio.api import FebioSolver, probe_theta
 
 if TYPE_CHECKING:
     from palpate.api import Limb, Solver
@@ -28,7 +28,6 @@ if (folder := str(Path(__file__).parent)) not in sys.path:
     sys.path.append(folder)  # of solver_comparison
 
 HEADS = ("problem", "material", "quantity", "solver", "against")
-OF_SETS = ("spot", "set_id", "verdict", "halving", "hold", "force", "torque", "message")
 
 
 def certify(
@@ -56,27 +55,12 @@ def certify(
             "--solver", metavar="NAME", help="A solver to compare; repeat for more. Default: palpate's."
         ),
     ] = None,
-    study: Annotated[
-        Path | None,
-        typer.Option(
-            "--study",
-            metavar="STUDY",
-            help="Only verify with FEBio the sets that a run of this study selected.",
-            show_default=False,
-        ),
-    ] = None,
-    run: OutFolder = None,
     as_json: AsJson = False,
 ) -> None:
     """Compare solvers with FEBio's recorded curves, and with FEBio where it is installed."""
     from palpate.api.files import write_atomically
 
     session = Session.of(context)
-    if study is not None:
-        if material or mesh or out or solver:
-            raise StudyError(f"--study {study}: verifies the sets of a run alone; leave the others out")
-        _verify_sets(session, study, run, as_json=as_json)
-        return
     comparison = _compare(session, material, mesh, solver or ())
     if out is not None:
         file = out / "solver-comparison.json" if out.is_dir() else out
@@ -86,21 +70,6 @@ def certify(
     else:
         _show(session, comparison)
     if not comparison.passed:
-        raise typer.Exit(1)
-
-
-def _verify_sets(session: Session, study: Path, run: Path | None, *, as_json: bool) -> None:
-    """Show FEBio's checks of the torque of each selected set, and its difference from the run."""
-    checked, rows = session.study(study), []
-    for row in verified_sets(checked, run_folder(checked, run)):
-        session.note(f"{row['spot']}, set {row['set_id']}: {row['verdict']}")
-        rows.append(row)
-    if as_json:
-        session.json(rows)
-    else:
-        cells = [[f"{v:+.1%}" if isinstance(v, float) else v for v in map(row.get, OF_SETS)] for row in rows]
-        session.table("Selected sets verified with FEBio", OF_SETS, cells)
-    if any(row["verdict"] != "passed" for row in rows):
         raise typer.Exit(1)
 
 
@@ -269,6 +238,5 @@ def palpate_commands() -> list[Command]:
         call,
         f"{call} yeoh --mesh limb.vtu --into solver-comparison.json",
         f"{call} --solver my_solver",
-        f"{call} --study arm --out /scratch/arm",
     )
     return [Command(function=certify, panel="Verification", epilog=examples(*lines))]

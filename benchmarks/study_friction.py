@@ -105,9 +105,14 @@ def simulated(plugins: Plugins, depth_mm: float, numbers: list[int]) -> Iterator
         for form, make in forms.items():
             found = run(plugins, limb, depth_mm, make(TWIST_DEG / n))
             right = right or found
-            torque = found["torque"].first_turn
+            torque, right_torque = at_first_turn(found["torque"]), at_first_turn(right["torque"])
             stiffness = {name: best_multiple(found, right, of) for name, of in SCENARIOS.items()}
-            yield "the demo's forearm", form, n, torque, torque / right["torque"].first_turn, stiffness
+            yield "the demo's forearm", form, n, torque, torque / right_torque, stiffness
+
+
+def at_first_turn(curve: Curve) -> float:
+    """Ordinate where the path first turns back."""
+    return float(curve.ordinate[curve.branches[0][1] - 1])
 
 
 def run(plugins: Plugins, limb: Limb, depth_mm: float, solver: Solver) -> Response:

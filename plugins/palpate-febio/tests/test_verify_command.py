@@ -1,6 +1,4 @@
-"""``certify --study`` of the benchmarks, on a study that the embedded solver ran."""
-
-from pathlib import Path
+"""A run that verifies its selected sets, with a stand-in for FEBio."""
 
 import numpy as np
 import polars as pl
@@ -8,7 +6,6 @@ import pytest
 
 from palpate.mesh.specimens import block
 
-CERTIFY = str(Path(__file__).parents[3] / "benchmarks" / "certify.py")
 STUDY = """
 [study]
 name = "block"
@@ -78,7 +75,7 @@ def study(tmp_path, fake_febio):
 
 
 @pytest.mark.slow
-def test_a_run_verifies_its_sets_and_febio_agrees(call, study, tmp_path):
+def test_a_run_verifies_its_sets_once(call, study, tmp_path):
     ran = call("run", study, "--json", plugin=None)
     assert ran.code == 0, ran.err
     (row,) = ran.json["verification"]
@@ -88,16 +85,3 @@ def test_a_run_verifies_its_sets_and_febio_agrees(call, study, tmp_path):
     again = call("verify", study, plugin=None)
     assert "torque verified" in again.out
     assert (tmp_path / "count").read_text().count("run") == 4
-    verified = call("certify", "--study", study, "--json", plugin=CERTIFY)
-    assert verified.code == 0, verified.err
-    (row,) = verified.json
-    assert (row["spot"], row["verdict"]) == ("p1", "passed")
-    assert abs(row["halving"]) < 1e-6
-    assert row["force"] == row["torque"] == 0.0
-    toml = study / "study.toml"
-    toml.write_text(toml.read_text().replace("facet_mm = 1.5", 'facet_mm = 1.5\ncontact = "paper"'))
-    with pytest.warns(UserWarning, match="no memory"):
-        failed = call("certify", "--study", study, "--json", plugin=CERTIFY)
-    assert failed.code == 1
-    assert failed.json[0]["verdict"] == "failed"
-    assert "NOT to be relied on" in failed.json[0]["message"]

@@ -286,11 +286,6 @@ class Curve:
         loading[: np.argmax(x != 0.0)] = True  # at rest, before the first load
         return loading if phase == "load" else ~loading
 
-    @property
-    def first_turn(self) -> float:
-        """Ordinate where the path first turns back, or at its end."""
-        return float(self.ordinate[self.branches[0][1] - 1])
-
 
 def _on_cubics(x: FloatArray, y: FloatArray, at: FloatArray) -> FloatArray:
     """Values (m, k) of cubics through points x (n,), y (n, k) of a branch, ``at`` (m,); lines through two."""

@@ -11,7 +11,6 @@ if TYPE_CHECKING:
         probe_theta as probe_theta,
     )
     from palpate_febio.solver import FebioSolver as FebioSolver
-    from palpate_febio.steps import verified_sets as verified_sets
 
 if not TYPE_CHECKING:
     __getattr__ = deferred(__name__)
