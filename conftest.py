@@ -42,7 +42,7 @@ from palpate.fit.searches import BestSet
 from palpate.fit.stage import FitStage
 from palpate.plugins.catalogue import Plugins
 from palpate.plugins.registry import load_file
-from palpate.progress import SILENT
+from palpate.progress import Progress
 from palpate.sampling.samplers import LatinHypercube
 from palpate.stages import pipeline
 from palpate.study.reading import Study, StudySpot
@@ -189,7 +189,7 @@ def soft_region() -> dict[str, object]:
     return {"tissue": {"material": "neo_hookean", "parameters": bounds}}
 
 
-class Notes(type(SILENT)):
+class Notes(Progress):
     """Progress that keeps its notes."""
 
     def __init__(self) -> None:

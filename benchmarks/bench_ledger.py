@@ -22,6 +22,7 @@ sys.path.insert(0, str(Path(__file__).parents[1] / "tests" / "chaos"))
 from kills import make_study
 
 from palpate.domain import Curve, Job, Response, Simulation, Status
+from palpate.progress import Progress
 from palpate.run.ledger import Ledger, Writer
 from palpate.sampling.drawing import draw_design
 from palpate.simulation import jobs as simulation
@@ -122,17 +123,8 @@ class BegunError(Exception):
     """The sweep knows what is left."""
 
 
-class UntilBegun:
+class UntilBegun(Progress):
     """Progress that stops the sweep once it knows what is left to be done."""
-
-    def begin(self, stage: str, total: int) -> None:
-        """Nothing to show."""
-
-    def step(self, note: str = "") -> None:
-        """Nothing to count."""
-
-    def note(self, text: str) -> None:
-        """Nothing to tell."""
 
     def should_continue(self) -> bool:
         """Stop here."""

@@ -1,29 +1,13 @@
 """Progress that a stage reports to its caller; the library itself prints nothing."""
 
 from collections.abc import Sequence
-from typing import NamedTuple, Protocol, runtime_checkable
+from typing import NamedTuple
 
 LONG_S = 60.0
 """Time of a sweep from which a smaller first look is offered."""
 
 FIRST_LOOK = 12
 """Sets of a first look."""
-
-
-class Progress(Protocol):
-    """Follower of a run, which a caller hands in."""
-
-    def begin(self, stage: str, total: int) -> None:
-        """Begin a stage that has ``total`` steps."""
-
-    def step(self, note: str = "") -> None:
-        """Count one step of the running stage; ``note`` is how it ended where that matters."""
-
-    def note(self, text: str) -> None:
-        """Take notice of something that happened on the way and was dealt with."""
-
-    def should_continue(self) -> bool:
-        """Whether to begin another simulation; False finishes those started and stops."""
 
 
 class RunningJob(NamedTuple):
@@ -44,9 +28,23 @@ class RunningJob(NamedTuple):
     usual_s: float | None
 
 
-@runtime_checkable
-class FollowsSimulations(Protocol):
-    """A :class:`Progress` that shows which simulations are running, and how many are to come."""
+class Progress:
+    """Follower of a run, which a caller hands in; by itself it prints nothing, and goes on to the end."""
+
+    began_processor_s: float | None = None
+    """Processor time of this process when its command began; None of a run that no command makes."""
+
+    def begin(self, stage: str, total: int) -> None:
+        """Begin a stage that has ``total`` steps."""
+
+    def step(self, note: str = "") -> None:
+        """Count one step of the running stage; ``note`` is how it ended where that matters."""
+
+    def note(self, text: str) -> None:
+        """Take notice of something that happened on the way and was dealt with."""
+
+    def at(self, text: str) -> None:
+        """Show where in its stage the work is, such as a step of a search."""
 
     def running(self, jobs: Sequence[RunningJob]) -> None:
         """Take notice of the simulations that are running."""
@@ -54,41 +52,12 @@ class FollowsSimulations(Protocol):
     def expect(self, n_left: int, seconds_left: float | None) -> None:
         """Take notice of the simulations that the command has still to make, and their time."""
 
-
-@runtime_checkable
-class ShowsPlace(Protocol):
-    """A :class:`Progress` that also shows where in its stage the work is."""
-
-    def at(self, text: str) -> None:
-        """Show where the work is, such as a step of a search."""
-
-
-@runtime_checkable
-class OfCommand(Protocol):
-    """A :class:`Progress` of a command that began before its run was read."""
-
-    began_processor_s: float
-    """Processor time of this process when the command began."""
-
-
-class Silent:
-    """A :class:`Progress` that prints nothing."""
-
-    def begin(self, stage: str, total: int) -> None:
-        """Say nothing."""
-
-    def step(self, note: str = "") -> None:
-        """Say nothing."""
-
-    def note(self, text: str) -> None:
-        """Say nothing."""
-
     def should_continue(self) -> bool:
-        """Go on to the end."""
+        """Whether to begin another simulation; False finishes those started and stops."""
         return True
 
 
-SILENT = Silent()
+SILENT = Progress()
 
 
 def about(seconds: float) -> str:

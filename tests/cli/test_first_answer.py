@@ -11,7 +11,7 @@ import pytest
 from palpate.cli.session import Session
 from palpate.errors import StoppedError
 from palpate.executors import InProcess
-from palpate.progress import Silent
+from palpate.progress import Progress
 from palpate.stages import core_stages, pipeline
 from palpate_report.stage import ReportStage
 
@@ -85,7 +85,7 @@ def test_a_quick_run_that_cannot_be_is_refused(call, unswept, option, reason):
     assert not RUN.exists()
 
 
-class Stopping(Silent):
+class Stopping(Progress):
     """Starts no simulation from a stage on."""
 
     def __init__(self, stage):

@@ -10,7 +10,7 @@ import pytest
 from palpate.cli.session import Session
 from palpate.errors import StoppedError
 from palpate.executors import InProcess
-from palpate.progress import Silent
+from palpate.progress import Progress
 from palpate.run.ledger import Ledger
 from palpate.run.lock import locked
 from palpate.stages import pipeline
@@ -112,7 +112,7 @@ def test_the_report_of_a_run_is_of_its_tables(call, study, ran):
     assert json.loads((ran / "manifest.json").read_text())["seed"] == 4
 
 
-class StopsAfter(Silent):
+class StopsAfter(Progress):
     """Asks to stop once a number of steps are done."""
 
     def __init__(self, n_steps):

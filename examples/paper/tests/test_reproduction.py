@@ -16,7 +16,7 @@ from palpate.fit.searches import BestSet
 from palpate.mechanics import initial_moduli
 from palpate.plugins.catalogue import Plugins
 from palpate.plugins.provides import Provides
-from palpate.progress import Silent
+from palpate.progress import Progress
 from papers_study import reproduction
 from papers_study.comparison import compare, errata, write
 from papers_study.paper_tables import GENERALISED, GENERALISED_FOPT, table1, table2
@@ -229,7 +229,7 @@ def test_a_material_that_fails_does_not_stop_the_others(tmp_path, plugins):
 
 
 def test_stopping_names_the_command_to_continue(tmp_path, plugins):
-    class Stopping(Silent):
+    class Stopping(Progress):
         def should_continue(self):
             return False
 

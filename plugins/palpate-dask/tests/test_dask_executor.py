@@ -35,6 +35,7 @@ from palpate.fit.stage import FitStage
 from palpate.fit.tables import fit_result
 from palpate.plugins.catalogue import Plugins
 from palpate.plugins.registry import load_file
+from palpate.progress import Progress
 from palpate.run.ledger import Ledger
 from palpate.sampling.drawing import draw_design
 from palpate.sampling.samplers import LatinHypercube
@@ -304,17 +305,10 @@ def test_the_scheduler_s_end_loses_nothing_and_the_sweep_continues_elsewhere(stu
     study = replace(study, n_sets=40, solver=type(study.solver)(settings))
     there = DaskExecutor(DaskSettings(scheduler_file=str(file), timeout="60 s"))
 
-    class Killing:
+    class Killing(Progress):
         """Kills the scheduler once some simulations are counted."""
 
         n_steps = 0
-
-        def begin(self, stage, total): ...
-
-        def note(self, text): ...
-
-        def should_continue(self):
-            return True
 
         def step(self, note=""):
             self.n_steps += 1

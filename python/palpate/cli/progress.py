@@ -11,10 +11,10 @@ from typing import TYPE_CHECKING, Any
 
 from palpate.cli.session import Session
 from palpate.errors import StoppedError
-from palpate.progress import RunningJob, about, duration
+from palpate.progress import Progress, RunningJob, about, duration
 
 if TYPE_CHECKING:
-    from rich.progress import Progress, TaskID
+    from rich.progress import Progress as RichProgress, TaskID
 
 SIMULATING = ("simulate", "fit", "surface", "fit again", "candidates", "rank")
 """Stages of simulations: asked to stop, they finish those that are running."""
@@ -32,7 +32,7 @@ SLOW, SLOW_S = 8.0, 20.0
 """Time of a simulation over the usual one, and in any case, from which it is reported as slow."""
 
 
-class StageProgress:
+class StageProgress(Progress):
     """A :class:`palpate.progress.Progress` that shows one stage after the other.
 
     Parameters
@@ -45,7 +45,7 @@ class StageProgress:
         self._keeps = keeps
         self._console = session.stderr
         self.began_processor_s = session.began_processor_s
-        self._bars: Progress | None = None
+        self._bars: RichProgress | None = None
         self._stage = ""
         self._shown = self._run = _Steps()
         self._tasks: dict[_Steps, TaskID] = {}
@@ -274,13 +274,13 @@ def _joined(*parts: str) -> str:
     return "; ".join(part for part in parts if part)
 
 
-def _bars(console: Any, side: Callable[[], str]) -> "Progress":  # noqa: ANN401 - rich's, imported only here
+def _bars(console: Any, side: Callable[[], str]) -> "RichProgress":  # noqa: ANN401 - rich's, imported only here
     """Bars with count, time left and failures at any width, and the ``side`` on a line below them."""
-    from rich.progress import BarColumn, Progress, TextColumn, TimeElapsedColumn
+    from rich.progress import BarColumn, Progress as RichProgress, TextColumn, TimeElapsedColumn
     from rich.table import Column
     from rich.text import Text
 
-    class Bars(Progress):
+    class Bars(RichProgress):
         def get_renderables(self) -> Iterable[Any]:
             yield self.make_tasks_table(self.tasks)
             if text := side():

@@ -16,7 +16,7 @@ import polars as pl
 
 from palpate.domain import FINE, Simulation
 from palpate.executors.attempts import PROCESSOR, SLOPES, WORKER, children_s, spent_on_jobs_here
-from palpate.progress import OfCommand, Progress
+from palpate.progress import Progress
 from palpate.run.atomic_files import write_whole
 
 FILE = "processor_time.json"
@@ -55,7 +55,7 @@ class ProcessorTime:
     @classmethod
     def of_command(cls, folder: Path, progress: Progress) -> Self:
         """Time of a command from its beginning, where its progress knows that, else from now on."""
-        began_s = progress.began_processor_s if isinstance(progress, OfCommand) else process_time()
+        began_s = process_time() if progress.began_processor_s is None else progress.began_processor_s
         # Before the first worker has ended, the children of a process of its own have read meshes and files.
         of_children_s = children_s() if began_s == 0.0 else 0.0
         return cls(folder, began_s - spent_on_jobs_here() - of_children_s)

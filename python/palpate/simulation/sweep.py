@@ -20,7 +20,7 @@ from palpate.executors import Batch, Limits, Processes
 from palpate.executors.attempts import usable
 from palpate.plugins.execution import Executor
 from palpate.plugins.guard import answering_for
-from palpate.progress import SILENT, FollowsSimulations, Progress, RunningJob, about
+from palpate.progress import SILENT, Progress, RunningJob, about
 from palpate.run.keys import JobKeys
 from palpate.run.ledger import Ledger, Writer
 from palpate.simulation.cost import SWEEP, WORTH_SAYING_S, cost
@@ -187,7 +187,7 @@ class Simulations:
             self.progress.note(f"{len(repeated)} simulations had to be repeated; the last: {repeated[-1]}")
 
     def _show_forecast(self) -> None:
-        if self.forecast.is_whole and isinstance(self.progress, FollowsSimulations):
+        if self.forecast.is_whole:
             self.progress.expect(self.forecast.n_left, self.forecast.seconds_left)
 
     def _say_time(self) -> None:
@@ -279,8 +279,7 @@ def results(
             started.setdefault(index, RunningJob(label, monotonic(), usual_s))
         for index in started.keys() - set(indices):
             del started[index]
-        if isinstance(progress, FollowsSimulations):
-            progress.running(list(started.values()))
+        progress.running(list(started.values()))
 
     batch = Batch(
         solver=study.solver,

@@ -18,7 +18,7 @@ from palpate.fit.tables import fit_result
 from palpate.limb.loading import fine_meshes, refinement
 from palpate.plugins.guard import answering_for
 from palpate.plugins.sections import Summary
-from palpate.progress import Progress, ShowsPlace
+from palpate.progress import Progress
 from palpate.run.directory import design_files, measured_files
 from palpate.run.fit_state import FitState, write_fit_state
 from palpate.run.keys import identity
@@ -358,8 +358,7 @@ def cases_of(inputs: Run, *, keeps_state: bool = False) -> list[Case]:
             known = inputs.forecast.n_left if inputs.forecast.is_whole else None
             left = replace(state, n_left=known, seconds_left=inputs.forecast.seconds_left)
             write_fit_state(inputs.directory.folder, left)
-        if isinstance(inputs.progress, ShowsPlace):
-            inputs.progress.at(str(state))
+        inputs.progress.at(str(state))
 
     stage = _fit_stage(inputs, inputs.simulations)
     stage.on_progress = show

@@ -24,7 +24,7 @@ from palpate.plugins.guard import answering_for
 from palpate.plugins.registry import MORE, suggestion
 from palpate.plugins.sections import Section, Summary
 from palpate.plugins.table import StageTable
-from palpate.progress import SILENT, FollowsSimulations, Progress
+from palpate.progress import SILENT, Progress
 from palpate.run.directory import RunDirectory
 from palpate.run.keys import answers_key
 from palpate.run.provenance import described, fingerprint
@@ -247,7 +247,7 @@ class Run:
         """Forecast the simulations of the stages that are to come."""
         parts = self.parts(stages)
         self.forecast.expect(parts, self.limbs if any(part.n for part in parts) else {})
-        if self.forecast.is_whole and isinstance(self.progress, FollowsSimulations):
+        if self.forecast.is_whole:
             self.progress.expect(self.forecast.n_left, self.forecast.seconds_left)
 
     def parts(self, stages: Iterable[Stage]) -> list[Part]:

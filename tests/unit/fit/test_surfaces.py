@@ -17,7 +17,7 @@ from palpate.fit.surfaces import _job as fitted_job
 from palpate.plugins.catalogue import Plugins
 from palpate.plugins.interfaces import Solver
 from palpate.plugins.provides import Provides
-from palpate.progress import Silent
+from palpate.progress import Progress
 from palpate.run.directory import RunDirectory
 from palpate.stages import pipeline
 from palpate.stages.stage import read_run
@@ -41,7 +41,7 @@ STATES = SurfaceStates(
 )
 
 
-class Recorded(Silent):
+class Recorded(Progress):
     """Keeps what is noted."""
 
     def __init__(self):

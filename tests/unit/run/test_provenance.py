@@ -14,7 +14,7 @@ from palpate.errors import PalpateError, StoppedError, StudyError
 from palpate.fit.least_squares import LeastSquares
 from palpate.plugins.registry import load_file
 from palpate.plugins.score import Nmse, NmseSettings, ScoringRules
-from palpate.progress import Silent
+from palpate.progress import Progress
 from palpate.run.fit_state import read_fit_state
 from palpate.run.provenance import StageRecords
 from palpate.stages import pipeline
@@ -234,7 +234,7 @@ def test_an_extended_design_is_one_of_the_same_draws(make_study, plugins, tmp_pa
     from_run.report(study, run, plugins)
 
 
-class Stopping(Silent):
+class Stopping(Progress):
     """Stops after three steps."""
 
     n_steps = 0

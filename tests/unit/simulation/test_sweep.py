@@ -12,6 +12,7 @@ from palpate.executors import Batch, InProcess, Limits, Processes
 from palpate.experiment.measured import load_measured
 from palpate.fit.least_squares import LeastSquares
 from palpate.plugins.registry import load_file
+from palpate.progress import Progress
 from palpate.run.ledger import Ledger
 from palpate.sampling.drawing import draw_design
 from palpate.simulation import jobs as simulation
@@ -19,7 +20,7 @@ from palpate.simulation.sweep import Simulations
 from palpate.stages import pipeline
 
 
-class Following:
+class Following(Progress):
     """Progress that stops after some steps and keeps what was reported."""
 
     def __init__(self, n_steps=10**9):

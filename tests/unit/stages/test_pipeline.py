@@ -20,6 +20,7 @@ from palpate.errors import (
 )
 from palpate.fit.least_squares import LeastSquares
 from palpate.plugins.score import Nmse, NmseSettings, ScoringRules
+from palpate.progress import Progress
 from palpate.run.directory import RunDirectory, file_name
 from palpate.run.ledger import Ledger
 from palpate.stages import pipeline
@@ -37,7 +38,7 @@ def called(verb):
 pytestmark = pytest.mark.usefixtures("one_figure")
 
 
-class Recorder:
+class Recorder(Progress):
     def __init__(self):
         self.stages = {}
         self.notes = []
@@ -50,9 +51,6 @@ class Recorder:
 
     def note(self, text):
         self.notes.append(text)
-
-    def should_continue(self):
-        return True
 
 
 def test_a_run_finds_the_tissue_and_reports_it(make_study, plugins, tmp_path):

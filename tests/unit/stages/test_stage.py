@@ -11,7 +11,6 @@ from palpate.errors import PluginError, StudyError
 from palpate.fit.least_squares import LeastSquares
 from palpate.plugins.registry import load_file
 from palpate.plugins.table import StageTable, TableColumn
-from palpate.progress import SILENT
 from palpate.run.directory import RunDirectory
 from palpate.stages import pipeline
 from palpate.stages.stage import Run, Stage, in_order, read_run
@@ -71,21 +70,18 @@ def test_what_is_no_table_is_refused(found, message, make_study, plugins, tmp_pa
         Run(study=make_study(), directory=directory).make(Table())
 
 
-def test_a_run_goes_on_without_a_stage_that_fails(make_study, plugins, tmp_path, monkeypatch, one_figure):
+def test_a_run_goes_on_without_a_stage_that_fails(
+    make_study, plugins, tmp_path, monkeypatch, notes, one_figure
+):
     class Failing(Table):
         def run(self, inputs, progress):
             raise StudyError("no such curve")
 
-    notes = []
-    progress = SimpleNamespace(
-        **{name: getattr(SILENT, name) for name in ("begin", "step", "should_continue")}
-    )
-    progress.note = notes.append
     study = make_study(stages=(Failing(),))
     monkeypatch.setattr(plugins.stages, "_entries", {**plugins.stages._entries, "table": (Failing, "test")})
-    result = pipeline.run_study(study, tmp_path / "run", plugins, progress)
+    result = pipeline.run_study(study, tmp_path / "run", plugins, notes)
     assert result.selected.selection.height
-    assert "warning: no results of `palpate table`: no such curve" in notes
+    assert "warning: no results of `palpate table`: no such curve" in notes.texts
     assert "table" not in json.loads((tmp_path / "run" / "stages.json").read_text())
 
 
