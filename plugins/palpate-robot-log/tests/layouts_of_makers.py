@@ -355,7 +355,7 @@ def _curves() -> Mapping[str, Callable[[], Layout]]:
     }  # fmt: skip
 
 
-def _presses() -> Mapping[str, Callable[[], Layout]]:
+def presses() -> Mapping[str, Callable[[], Layout]]:
     p = press(twist=True, retract=True)
     q, t = p.pose.as_quat(), p.time_s
     tip, m = p.tip_mm, 1e-3 * p.tip_mm
@@ -497,4 +497,4 @@ def _presses() -> Mapping[str, Callable[[], Layout]]:
     }  # fmt: skip
 
 
-LAYOUTS = {**_curves(), **_presses()}
+LAYOUTS = {**_curves(), **presses()}
