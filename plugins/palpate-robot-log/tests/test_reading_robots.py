@@ -139,12 +139,74 @@ def forces_alone(made: Press) -> Table:
     return {"time": made.time_s} | named(names, made.tip_mm, made.pose.as_quat(), made.force_N)
 
 
+def sunrise(made: Press) -> Table:
+    """KUKA's angles in radians, under a word that is a place elsewhere."""
+    names = " ".join(f"$POS_ACT.{letter}" for letter in "XYZABC")
+    return {"time": made.time_s} | named(names, made.tip_mm, made.pose.as_euler("ZYX")) | wrench(made)
+
+
+def sensor_interface(made: Press) -> Table:
+    """KUKA's names, among vectors of other quantities."""
+    rng, others = np.random.default_rng(5), {"t": made.time_s}
+    for what in ("vel", "acc"):
+        others |= named(f"{what}_x {what}_y {what}_z", rng.normal(size=made.tip_mm.shape))
+    names = " ".join(f"RIst.{letter}" for letter in "XYZABC")
+    pose = named(names, made.tip_mm, made.pose.as_euler("ZYX", degrees=True))
+    return others | pose | wrench(made, "FTC.Fx FTC.Fy FTC.Fz FTC.Mx FTC.My FTC.Mz")
+
+
+def ros_stamps(made: Press) -> Table:
+    """Time in whole seconds and nanoseconds."""
+    stamp_ns = (1_700_000_000 * 10**9 + np.round(1e9 * made.time_s)).astype(np.int64)
+    stamp = {"/ft/header/stamp/sec": stamp_ns // 10**9, "/ft/header/stamp/nanosec": stamp_ns % 10**9}
+    place = " ".join(f"field.pose.position.{a}" for a in "xyz")
+    turn = " ".join(f"field.pose.orientation.{a}" for a in "xyzw")
+    names = " ".join(f"field.wrench.{part}.{a}" for part in ("force", "torque") for a in "xyz")
+    return stamp | named(f"{place} {turn}", 1e-3 * made.tip_mm, made.pose.as_quat()) | wrench(made, names)
+
+
+def unset_stamps(made: Press) -> Table:
+    """Stamps that nobody has set, next to a time."""
+    return dict.fromkeys(("header.stamp.sec", "header.stamp.nanosec"), 0.0 * made.time_s) | abb(made)
+
+
+def doosan(made: Press, names: str = "x y z a b c") -> Table:
+    pose = named(names, made.tip_mm, made.pose.as_euler("ZYZ", degrees=True))
+    return {"time": made.time_s} | pose | named("fx fy fz tx ty tz", -made.force_N, -made.moment_Nm)
+
+
+def doosan_posx(made: Press) -> Table:
+    return doosan(made, " ".join(f"posx[{k}]" for k in range(6)))
+
+
+def degrees_about_fixed_axes(made: Press) -> Table:
+    angles = made.pose.as_euler("xyz", degrees=True)
+    pose = named("x_mm y_mm z_mm rx_deg ry_deg rz_deg", made.tip_mm, angles)
+    return {"time": made.time_s} | pose | wrench(made, "Fx_(N) Fy_(N) Fz_(N) Tx_(Nm) Ty_(Nm) Tz_(Nm)")
+
+
+def plotjuggler(made: Press) -> Table:
+    """Topics of two rates in one table: rows of one have no values of the other."""
+    names = " ".join(f"/ft/wrench/{part}/{a}" for part in ("force", "torque") for a in "xyz")
+    place = " ".join(f"/pose/pose/position/{a}" for a in "xyz")
+    turn = " ".join(f"/pose/pose/orientation/{a}" for a in "xyzw")
+    pose = named(f"{place} {turn}", 1e-3 * made.tip_mm, made.pose.as_quat())
+    table = {"__time": np.sort(np.concatenate([made.time_s, made.time_s + 0.002]))}
+    for shift, part in enumerate((wrench(made, names), pose)):
+        for name, values in part.items():
+            table[name] = np.full(table["__time"].size, np.nan)
+            table[name][shift::2] = values
+    return table
+
+
 ROBOTS = (
-    *(universal_robots, franka, kuka_rsi, iiwa, abb, xarm, optotrak, vicon, camera, suffixes),
-    *(load_cell, forces_alone),
+    *(universal_robots, franka, kuka_rsi, iiwa, abb, xarm, optotrak, vicon, camera, suffixes, sunrise),
+    *(sensor_interface, ros_stamps, unset_stamps, doosan, doosan_posx, degrees_about_fixed_axes),
+    *(plotjuggler, load_cell, forces_alone),
 )
 
 
+@pytest.mark.filterwarnings("ignore:Gimbal lock")
 @pytest.mark.parametrize("twist", [False, pytest.param(True, marks=pytest.mark.slow)])
 @pytest.mark.parametrize("layout", ROBOTS, ids=lambda layout: layout.__name__)
 def test_a_robot_gives_the_truth_of_its_press(

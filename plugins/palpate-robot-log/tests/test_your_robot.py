@@ -1,7 +1,6 @@
-"""Logs in the format of each maker: the table that `inspect` proposes reads them to the same curves."""
+"""The simulated log of a robot as a chain of transforms and in two files: read to the same curves."""
 
 import tomllib
-from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
@@ -20,9 +19,9 @@ from palpate_robot_log.reading.raw import RawLog, Series
 from palpate_robot_log.robot_log import RobotLogSettings
 
 from . import log_writers as write
+from .known_presses import named
 from .simulated_logs import columns
 
-Table = dict[str, FloatArray]
 STEP = 4
 """Every fourth row: 50 Hz are enough for a press of 36 s."""
 
@@ -37,148 +36,6 @@ def log() -> tuple[FloatArray, FloatArray, Rotation, FloatArray, FloatArray]:
     return column["time_s"], stacked[0], Rotation.from_quat(stacked[1]), stacked[2], stacked[3]
 
 
-def named(names: str, *values: FloatArray) -> Table:
-    return dict(zip(names.split(), np.column_stack(values).T, strict=True))
-
-
-def kuka() -> Table:
-    time, x, pose, f, m = log()
-    angles = pose.as_euler("ZYX", degrees=True)
-    return {"IPOC": 1e3 * time} | named("X Y Z A B C", 1e3 * x, angles) | named("Fx Fy Fz Tx Ty Tz", f, m)
-
-
-def robot_sensor_interface() -> Table:
-    """KUKA's names, among vectors of other quantities."""
-    time, x, pose, f, m = log()
-    rng = np.random.default_rng(5)
-    others = [named(f"{what}_x {what}_y {what}_z", rng.normal(size=x.shape)) for what in ("vel", "acc")]
-    rest = named("RIst.X RIst.Y RIst.Z RIst.A RIst.B RIst.C", 1e3 * x, pose.as_euler("ZYX", degrees=True))
-    return (
-        {"t": time} | others[0] | others[1] | rest | named("FTC.Fx FTC.Fy FTC.Fz FTC.Mx FTC.My FTC.Mz", f, m)
-    )
-
-
-def sunrise() -> Table:
-    """KUKA's angles in radians, under a word that is a place elsewhere."""
-    time, x, pose, f, m = log()
-    names = " ".join(f"$POS_ACT.{letter}" for letter in "XYZABC")
-    return {"time": time} | named(names, 1e3 * x, pose.as_euler("ZYX")) | named("Fx Fy Fz Tx Ty Tz", f, m)
-
-
-def ros_stamps() -> Table:
-    """Time in whole seconds and nanoseconds."""
-    time, table = log()[0], ros_text()
-    stamp_ns = (1_700_000_000 * 10**9 + np.round(1e9 * time)).astype(np.int64)
-    stamp = {"/ft/header/stamp/sec": stamp_ns // 10**9, "/ft/header/stamp/nanosec": stamp_ns % 10**9}
-    return stamp | {name: values for name, values in table.items() if "." in name and "header" not in name}
-
-
-def unset_stamps() -> Table:
-    """Stamps that nobody has set, next to a time."""
-    none = np.zeros(log()[0].size)
-    return {"header.stamp.sec": none, "header.stamp.nanosec": none} | abb()
-
-
-def franka() -> Table:
-    time, x, pose, f, m = log()
-    transform = np.tile(np.eye(4), (time.size, 1, 1))
-    transform[:, :3, :3], transform[:, :3, 3] = pose.as_matrix(), x
-    by_columns = transform.transpose(0, 2, 1).reshape(-1, 16)
-    wrench = np.column_stack([pose.apply(f), pose.apply(m)])
-    return (
-        {"time": time}
-        | {f"O_T_EE[{k}]": column for k, column in enumerate(by_columns.T)}
-        | {f"O_T_EE_d[{k}]": column for k, column in enumerate(by_columns.T)}
-        | {f"O_F_ext_hat_K[{k}]": column for k, column in enumerate(wrench.T)}
-        | {f"q[{k}]": np.sin(time + k) for k in range(7)}
-    )
-
-
-def universal_robots() -> Table:
-    time, x, pose, f, m = log()
-    table = {"timestamp": 4321.5 + time}
-    table |= {f"actual_TCP_pose_{k}": v for k, v in enumerate(np.column_stack([x, pose.as_rotvec()]).T)}
-    wrench = np.column_stack([pose.apply(f), pose.apply(m)])
-    table |= {f"target_TCP_pose_{k}": v for k, v in enumerate(np.column_stack([x, pose.as_rotvec()]).T)}
-    return table | {f"actual_TCP_force_{k}": v for k, v in enumerate(wrench.T)}
-
-
-def abb() -> Table:
-    time, x, pose, f, m = log()
-    quaternion = pose.as_quat()[:, [3, 0, 1, 2]]
-    return {"Time": time} | named("X Y Z q1 q2 q3 q4", 1e3 * x, quaternion) | named("Fx Fy Fz Mx My Mz", f, m)
-
-
-def fanuc() -> Table:
-    time, x, pose, f, m = log()
-    angles = pose.as_euler("xyz", degrees=True)
-    return {"t_ms": 1e3 * time} | named("X Y Z W P R", 1e3 * x, angles) | named("Fx Fy Fz Mx My Mz", f, m)
-
-
-def doosan() -> Table:
-    time, x, pose, f, m = log()
-    angles = pose.as_euler("ZYZ", degrees=True)
-    return {"time": time} | named("x y z a b c", 1e3 * x, angles) | named("fx fy fz tx ty tz", -f, -m)
-
-
-def doosan_posx() -> Table:
-    table = doosan()
-    return {f"posx[{'xyzabc'.index(name)}]" if name in "xyzabc" else name: v for name, v in table.items()}
-
-
-def degrees_about_fixed_axes() -> Table:
-    time, x, pose, f, m = log()
-    angles = pose.as_euler("xyz", degrees=True)
-    return (
-        {"time": time}
-        | named("x_mm y_mm z_mm", 1e3 * x)
-        | named("rx_deg ry_deg rz_deg", angles)
-        | named("Fx_(N) Fy_(N) Fz_(N) Tx_(Nm) Ty_(Nm) Tz_(Nm)", f, m)
-    )
-
-
-def ros_text() -> Table:
-    time, x, pose, f, m = log()
-    header = {"%time": np.round(1.7e9 + time, 6) * 1e9, "field.header.seq": np.arange(time.size)}
-    return (
-        header
-        | named(" ".join(f"field.pose.position.{a}" for a in "xyz"), x)
-        | named(" ".join(f"field.pose.orientation.{a}" for a in "xyzw"), pose.as_quat())
-        | named(" ".join(f"field.wrench.force.{a}" for a in "xyz"), f)
-        | named(" ".join(f"field.wrench.torque.{a}" for a in "xyz"), m)
-    )
-
-
-def plotjuggler() -> Table:
-    """Topics of two rates in one table: rows of one have no values of the other."""
-    time, x, pose, f, m = log()
-    poses = named(" ".join(f"/pose/pose/position/{a}" for a in "xyz"), x)
-    poses |= named(" ".join(f"/pose/pose/orientation/{a}" for a in "xyzw"), pose.as_quat())
-    wrench = named(" ".join(f"/ft/wrench/force/{a}" for a in "xyz"), f)
-    wrench |= named(" ".join(f"/ft/wrench/torque/{a}" for a in "xyz"), m)
-    both = np.sort(np.concatenate([time, time + 0.002]))
-    table = {"__time": both}
-    for shift, part in ((0, wrench), (1, poses)):
-        for name, values in part.items():
-            table[name] = np.full(both.size, np.nan)
-            table[name][shift::2] = values if shift == 0 else values + 0.0
-    return table
-
-
-MAKERS = (
-    sunrise,
-    ros_stamps,
-    unset_stamps,
-    universal_robots,
-    fanuc,
-    doosan,
-    doosan_posx,
-    degrees_about_fixed_axes,
-    ros_text,
-    plotjuggler,
-)
-
-
 def curves_of(path: Path, study_text: str) -> Any:
     settings = tomllib.loads(study_text)["experiment"]["settings"]
     return RobotLogLoader(RobotLogSettings.model_validate(settings)).load(path).curves
@@ -189,35 +46,6 @@ def reference(tmp_path_factory: pytest.TempPathFactory) -> Any:
     path = tmp_path_factory.mktemp("reference") / "log.csv"
     write.write_text(path, {name: values[::STEP] for name, values in columns("p1").items()})
     return curves_of(path, inspect_log(path).study_text)
-
-
-@pytest.mark.parametrize(
-    "maker",
-    [
-        kuka,
-        robot_sensor_interface,
-        franka,
-        abb,
-        *(pytest.param(maker, marks=pytest.mark.slow) for maker in MAKERS),
-    ],
-    ids=lambda maker: maker.__name__,
-)
-def test_the_proposed_table_reads_the_log_as_it_is(
-    maker: Callable[[], Table], reference: Any, tmp_path: Path
-) -> None:
-    path = tmp_path / "log.csv"
-    delimiter, decimal = (";", ",") if maker is kuka else (",", ".")
-    write.write_text(path, maker(), delimiter, decimal)
-    found = inspect_log(path)
-    assert found.record["problem"] == ""
-    curves = curves_of(path, found.study_text)
-    assert set(curves) == {"force", "torque"}
-    for channel, curve in curves.items():
-        expected = reference[channel]
-        span = np.ptp(expected.ordinate)
-        assert abs(np.ptp(curve.ordinate) - span) < 0.01 * span, channel
-        assert abs(curve.ordinate[-1] - expected.ordinate[-1]) < 0.02 * span, channel
-        assert abs(curve.abscissa.max() - expected.abscissa.max()) < 0.02 * np.ptp(expected.abscissa)
 
 
 def test_the_pose_of_the_tool_is_a_chain_of_transforms(reference: Any, tmp_path: Path) -> None:
