@@ -9,7 +9,6 @@ from pathlib import Path
 import numpy as np
 import pytest
 from hypothesis import HealthCheck, given, settings, strategies as st
-from scipy.spatial.transform import Rotation
 
 from palpate.api.files import (
     UNITS,
@@ -22,7 +21,6 @@ from palpate.api.files import (
 from palpate.domain import FloatArray
 from palpate.errors import CurveError
 from palpate.experiment.delimited.header_units import bare_unit
-from palpate_robot_log.reading.assembly import quaternions
 from palpate_robot_log.reading.formats import read_here
 from palpate_robot_log.reading.raw import RawLog
 from palpate_robot_log.reading.robots import propose
@@ -188,25 +186,6 @@ def test_a_unit_of_another_kind_is_known_and_refused(unit: str) -> None:
     assert kind_of(unit) == "other"
     with pytest.raises(CurveError, match="a unit of another kind where one of force is needed"):
         factor_to_base(unit, "force", "here")
-
-
-# ------------------------------------------------------------------------ turns
-
-turns = st.integers(0, 2**32 - 1).map(lambda seed: Rotation.random(9, rng=np.random.default_rng(seed)))
-
-
-@given(turn=turns, sequence=st.sampled_from(["xyz", "zyx", "XYZ", "ZYX", "ZYZ"]))
-def test_every_form_of_a_turn_gives_the_same_quaternion(turn: Rotation, sequence: str) -> None:
-    q = turn.as_quat()
-    forms = {
-        "quaternion": 1.005 * q,
-        "euler": turn.as_euler(sequence),
-        "axis_angle": turn.as_rotvec(),
-        "rotation_matrix": turn.as_matrix().reshape(-1, 9),
-    }
-    for form, values in forms.items():
-        found = quaternions(form, values, sequence)
-        np.testing.assert_allclose(np.abs(np.einsum("ij,ij->i", found, q)), 1.0, atol=1e-12)
 
 
 # --------------------------------------------------------------------- mutations

@@ -161,7 +161,7 @@ def test_orientation_in_every_form(form: str, unit: str) -> None:
         case "rotation_matrix":
             values, changes = turn.as_matrix().reshape(-1, 9), {"form": form}
         case "inverse":
-            values, changes = turn.inv().as_quat(), {"inverse": True}
+            values, changes = 1.005 * turn.inv().as_quat(), {"inverse": True}
         case _:
             values, changes = np.empty((240, 0)), {"form": form, "value": [0.0, 0.6, 0.0, 0.8]}
             turn = Rotation.from_quat(np.tile([0.0, 0.6, 0.0, 0.8], (240, 1)))
