@@ -18,9 +18,9 @@ ROOT = Path(__file__).parents[2]
 LONGEST_FILE = 500
 LONGEST_FUNCTION = 45
 MOST = {
-    "lines": 78_052,
-    "lines of the core": 33_492,
-    "classes": 658,
+    "lines": 77_949,
+    "lines of the core": 33_454,
+    "classes": 654,
     "constants": 692,
     "long files": 0,
     "long functions": 6,
