@@ -1,5 +1,6 @@
 """Text files of Gmsh are read as meshio reads them, and also where groups overlap or elements have none."""
 
+import tomllib
 from pathlib import Path
 
 import meshio
@@ -128,6 +129,18 @@ def test_an_element_of_two_groups_is_there_once(tmp_path: Path) -> None:
     np.testing.assert_array_equal(
         np.sort(limb.mesh.node_sets["contact"]), np.flatnonzero(MADE.points_mm[:, 2] == 0.0)
     )
+
+
+def test_a_volume_and_its_surface_may_have_one_name(tmp_path: Path) -> None:
+    upper = np.flatnonzero(MADE.points_mm[HEXES].mean(axis=1)[:, 2] > -10.0)
+    rest = np.setdiff1d(np.arange(len(HEXES)), upper)
+    (tmp_path / "m.msh").write_text(text_2({1: rest, 2: upper}).replace("upper half", "skin"))
+    found = read_gmsh(tmp_path / "m.msh")
+    assert found is not None
+    members = {name: [len(rows) for rows in blocks] for name, blocks in found.cell_sets.items()}
+    assert members == {"tissue": [16, 0], "skin": [16, 0], "skin of dimension 2": [0, 16]}
+    sets = tomllib.loads(MeshioSource.inspect(tmp_path / "m.msh").study_text)["limb"]["settings"]["node_sets"]
+    assert sets["contact"] == "skin of dimension 2"
 
 
 def test_elements_without_a_group_are_named(tmp_path: Path) -> None:

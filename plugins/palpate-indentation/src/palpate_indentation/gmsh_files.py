@@ -105,9 +105,14 @@ def _sets(
     shapes: Sequence[str],
     names: Mapping[tuple[int, int], str],
 ) -> dict[str, tuple[NDArray[np.int64], ...]]:
-    """Rows of each physical group in the block of each shape, by the name of the group."""
+    """Rows of each physical group in the block of each shape, by a name of its own."""
+    # A volume and its surface may have one name.
+    called = {group: names.get(group, f"physical {group[1]}") for group in groups}
+    largest = {called[group]: group for group in sorted(groups)}
     return {
-        names.get(group, f"physical {group[1]} of dimension {group[0]}"): tuple(
+        called[group]
+        if group in names and largest[called[group]] == group
+        else f"{called[group]} of dimension {group[0]}": tuple(
             np.array(sorted(members.get(shape, ())), dtype=np.int64) for shape in shapes
         )
         for group, members in groups.items()
