@@ -230,3 +230,19 @@ def test_a_mesh_read_in_a_subprocess_is_what_meshio_reads(tmp_path: Path) -> Non
         assert [kind for kind, _ in there.blocks] == ["tetra"]
         for name, blocks in here.cell_data.items():
             np.testing.assert_array_equal(there.cell_data[name], blocks)
+
+
+def test_blocks_of_exodus_are_groups(tmp_path: Path) -> None:
+    netcdf = pytest.importorskip("netCDF4")
+    points = np.vstack([np.eye(4)[:, :3], [[1.0, 1.0, 1.0]]])
+    blocks = [("tetra", np.array([[0, 1, 2, 3]])), ("tetra", np.array([[0, 2, 1, 4]]))]
+    meshio.Mesh(points, blocks).write(tmp_path / "m.e")
+    assert {k: [len(r) for r in v] for k, v in read_here(tmp_path / "m.e").cell_sets.items()} == {
+        "block 0": [1, 0],
+        "block 1": [0, 1],
+    }
+    with netcdf.Dataset(tmp_path / "m.e", "a") as file:
+        file.createDimension("len_name", 8)
+        names = file.createVariable("eb_names", "S1", ("num_el_blk", "len_name"))
+        names[:] = netcdf.stringtochar(np.array(["fat", "skin"], dtype="S8"))
+    assert [*read_here(tmp_path / "m.e").cell_sets] == ["fat", "skin"]

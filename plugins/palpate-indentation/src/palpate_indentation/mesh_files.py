@@ -112,7 +112,28 @@ def _read(path: Path) -> MeshFile:
         | {name: np.concatenate(rows) for name, rows in _of_families(mesh, "point").items()},
         cell_sets=_cell_sets(mesh),
     )
+    if _is_exodus(path) and not content.cell_sets:
+        content = replace(content, cell_sets=_blocks_of_exodus(path, [len(of) for _, of in content.blocks]))
     return once(content) if path.suffix.lower() == ".msh" else content
+
+
+def _is_exodus(path: Path) -> bool:
+    return path.suffix.lower() in (".e", ".exo", ".ex2")
+
+
+def _blocks_of_exodus(path: Path, sizes: list[int]) -> dict[str, tuple[NDArray[np.int64], ...]]:
+    """Elements of each block of a file of Exodus, which are of one material, by its name or number."""
+    import netCDF4
+
+    with netCDF4.Dataset(path) as file:
+        at = [int(name[7:]) - 1 for name in file.variables if name.startswith("connect")]
+        names, numbers = (file.variables.get(name) for name in ("eb_names", "eb_prop1"))
+        words = ["" for _ in at] if names is None else [str(word) for word in netCDF4.chartostring(names[:])]
+        called = [words[k].strip() or f"block {k + 1 if numbers is None else numbers[k]}" for k in at]
+    return {
+        name: tuple(np.arange(size if of == name else 0) for of, size in zip(called, sizes, strict=True))
+        for name in called
+    }
 
 
 def _why_unreadable(path: Path, reason: str) -> str:
@@ -261,7 +282,7 @@ def _data_files(path: Path) -> Iterator[str]:
 def _cells(path: Path, kind: str, given: object) -> NDArray[np.int64]:
     """Nodes of elements in meshio's order, which its reader of Exodus leaves as they are in the file."""
     cells = _integers(path, given)
-    return ordered(kind, cells) if path.suffix.lower() in (".e", ".exo", ".ex2") else cells
+    return ordered(kind, cells) if _is_exodus(path) else cells
 
 
 def _integers(path: Path, cells: object) -> NDArray[np.int64]:

@@ -81,7 +81,8 @@ def _regions(content: MeshFile) -> dict[str, Any]:
         return chosen | {"regions": dict(zip(named, map(int, labels), strict=True))}
     if groups:
         numbers = [
-            re.fullmatch(r"(?i)(?:physical|volume|property) ?(\d+)(?: of dimension 3)?", g) for g in groups
+            re.fullmatch(r"(?i)(?:physical|volume|property|block) ?(\d+)(?: of dimension 3)?", g)
+            for g in groups
         ]
         named = [f"region_{n[1]}" if n else region_name(g) for n, g in zip(numbers, groups, strict=True)]
         named = [f"{of}_{k}" if named.count(of) > 1 else of for k, of in enumerate(named, 1)]
