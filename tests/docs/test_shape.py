@@ -18,10 +18,10 @@ ROOT = Path(__file__).parents[2]
 LONGEST_FILE = 500
 LONGEST_FUNCTION = 45
 MOST = {
-    "lines": 77_976,
+    "lines": 77_978,
     "lines of the core": 33_454,
     "classes": 654,
-    "constants": 692,
+    "constants": 691,
     "long files": 0,
     "long functions": 6,
     "docstrings without a noun first": 0,

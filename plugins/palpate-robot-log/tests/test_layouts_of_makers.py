@@ -14,7 +14,7 @@ from palpate_robot_log import ColumnsLoader, ColumnsSettings, RobotLogLoader, Ro
 from palpate_robot_log.reading.inspection import inspect_log
 
 from .known_presses import DEPTH_MM, FORCE_N, TORQUE_NMM, press, robot
-from .layouts_of_makers import DEPTH, FORCE, LAYOUTS, presses, rows
+from .layouts_of_makers import DEPTH, FORCE, LAYOUTS, STRAIN, STRESS_KPA, presses, rows
 from .log_writers import write_text
 
 pytestmark = pytest.mark.usefixtures("in_this_process")
@@ -133,6 +133,12 @@ def test_a_stage_without_a_turn_is_read_by_its_three_forces(tmp_path: Path) -> N
     assert curves["force"].ordinate.max() == pytest.approx(FORCE_N, abs=0.1)
 
 
+def test_the_way_of_grips_is_a_test_of_a_specimen(tmp_path: Path) -> None:
+    lines = ["Grip separation (mm),Load (N)", *rows(DEPTH, FORCE)]
+    (tmp_path / "t.csv").write_text("\n".join(lines))
+    assert "give both scales, by the length" in proposed(tmp_path / "t.csv")[1]
+
+
 def test_messages_as_text_are_no_table(tmp_path: Path) -> None:
     message = "header:\n  frame_id: tool0\nwrench:\n  force:\n    x: 0.1\n    y: 0.2\n    z: -3.1\n---\n"
     path = tmp_path / "echo.txt"
@@ -204,3 +210,13 @@ def test_a_makers_file_is_read_right_or_asked_about(name: str, tmp_path: Path) -
 def test_marks_of_inches_join_no_lines() -> None:
     texts = ['Tool: 1/2" sphere', "Operator A", 'Depth ("),Force (lbf)', "0.1,2.0"]
     assert lines_of("\n".join(texts))["text"].to_list() == texts
+
+
+@pytest.mark.parametrize("names", ["Odkształcenie [%];Naprężenie [kPa]", "Deformação (%);Tensão (kPa)"])
+def test_strain_and_stress_have_names_in_other_languages(names: str, tmp_path: Path) -> None:
+    lines = [names, *rows(100.0 * STRAIN, STRESS_KPA, between=";", decimal=",")]
+    (tmp_path / "t.csv").write_text("\n".join(lines), encoding="utf-8")
+    curves, problem = proposed(tmp_path / "t.csv")
+    assert curves is not None, problem
+    assert curves["uniaxial"].ordinate.max() == pytest.approx(0.012)
+    assert curves["uniaxial"].abscissa.max() == pytest.approx(1.2)

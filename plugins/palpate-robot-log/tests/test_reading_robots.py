@@ -15,6 +15,7 @@ from palpate_robot_log.robot_log import RobotLogSettings
 
 from . import log_writers as write
 from .known_presses import DEPTH_MM, FORCE_N, TORQUE_NMM, Press, Table, named, press, robot, wrench
+from .layouts_of_makers import rows
 
 pytestmark = pytest.mark.usefixtures("in_this_process")
 
@@ -258,3 +259,25 @@ def test_a_pose_that_is_commanded_alone_is_named(unit: str, tmp_path: Path) -> N
     found = inspect_log(tmp_path / "log.csv")
     assert any("position: these columns are commanded, not measured" in text for text in found.findings)
     assert "# check position: these columns are commanded" in found.study_text
+
+
+def test_names_of_makers_and_languages_are_known(tmp_path: Path) -> None:
+    """Stamps of KUKA's Sunrise, angles of a ship, numbered quaternions with a word behind the number."""
+    made = press(twist=True)
+    loads = "Fx (N),Fy (N),Fz (N),Mx (Nm),My (Nm),Mz (Nm)"
+    q, stamp = made.pose.as_quat()[:, [3, 0, 1, 2]], [made.time_s // 1.0, np.round(made.time_s % 1.0 * 1e9)]
+    turns = made.pose.as_euler("xyz", degrees=True)
+    for names, columns in (
+        ("ZeitSek,ZeitNsek,x_mm,y_mm,z_mm,q0,q1,q2,q3", [*stamp, made.tip_mm, q]),
+        ("t_s,x_mm,y_mm,z_mm,roulis,tangage,lacet", [made.time_s, made.tip_mm, turns]),
+        ("t_s,PosX TCP,PosY TCP,PosZ TCP,Q0 TCP,Q1 TCP,Q2 TCP,Q3 TCP", [made.time_s, made.tip_mm, q]),
+    ):
+        path = tmp_path / "t.csv"
+        lines = rows(*columns, made.force_N, made.moment_Nm, form="{:.12g}")
+        path.write_text("\n".join([f"{names},{loads}", *lines]))
+        found = inspect_log(path)
+        assert not found.record["problem"]
+        settings = tomllib.loads(found.study_text)["experiment"]["settings"]
+        torque = RobotLogLoader(RobotLogSettings.model_validate(settings)).load(path)["torque"]
+        assert torque.ordinate.max() == pytest.approx(TORQUE_NMM, abs=0.5)
+        assert torque.abscissa.max() == pytest.approx(22.5, abs=0.1)

@@ -35,7 +35,7 @@ WORDS: Mapping[str, str] = {
 """Words of names of regions: a bone's, words for its parts, and words that show that it is no bone."""
 UNITS_MM: Mapping[str, float] = {"mm": 1.0, "cm": 10.0, "m": 1000.0, "um": 0.001}
 SKIN = re.compile(
-    r"(?i)contact|skin|press|outer|surface|touch|top|indent|haut|oberfl|kontakt|peau|piel|epiderm"
+    r"(?i)contact|skin|press|outer|surface|superfici|touch|top|indent|haut|oberfl|kontakt|peau|piel|epiderm"
     r"|au(ss|ß)en|(?<![a-z])(ext[eé]r(n(?!us|i)|ior|ieur)|estern(?!on|ón))"
 )
 FIXED = re.compile(

@@ -22,7 +22,6 @@ _CONVERSION, _COARSEST = 1e-4, 0.1
 """Relative error of a conversion, and largest share of a curve that its digits may leave open."""
 _COMPOUND = ("kraft", "weg", "zeit", "dehnung", "spannung", "tiefe", "winkel", "moment")
 """Ends of German compounds, which are read as these words."""
-_FIRST_FOREIGN = "\u0370"
 _TABLES = tomllib.loads(files(__package__).joinpath("words.toml").read_text(encoding="utf-8"))
 _MEANINGS = {word: meaning for meaning, words in _TABLES["meanings"].items() for word in words.split()}
 """Meanings of words in other letters; a sign that is in none of them is a word of its own."""
@@ -46,6 +45,8 @@ ROLES: Mapping[str, Role] = {
     for name, of in _TABLES["roles"].items()
 }
 """Quantities that a column or a vector has, by role."""
+TURNS = {word: axis for axis, words in _TABLES["turns"].items() for word in words.split()}
+"""Axes of angles that have a name of their own."""
 WORDS = _sets(_TABLES["words"])
 """Words that show what a column is besides its quantity."""
 TITLES: Mapping[str, str] = _TABLES["titles"]
@@ -62,7 +63,7 @@ def words_of(name: str) -> tuple[str, ...]:
     (('actual', 'tcp', 'force', '0'), ('wrench', 'force', 'x'), ('fx',))
     """
     words = (
-        _FOREIGN_WORD.findall(word.lower()) if word[0] >= _FIRST_FOREIGN else [word.lower()]
+        _FOREIGN_WORD.findall(word.lower()) if word[0] >= "\u0370" else [word.lower()]
         for word in _WORD.findall(plain_letters(unit_in(name)[0]))
     )
     return tuple(_MEANINGS.get(word, word) for word in chain.from_iterable(words))

@@ -12,22 +12,21 @@ from palpate.api import FloatArray
 from palpate.api.files import Column, kind_of
 from palpate_robot_log.measures import LARGEST_DEVIATION, off_turn, off_unit
 from palpate_robot_log.reading.channel_map import NO_COLUMN
-from palpate_robot_log.reading.names import ROLES, WORDS, Rank, has_role, rank_of, words_of
+from palpate_robot_log.reading.names import ROLES, TURNS, WORDS, Rank, has_role, rank_of, words_of
 from palpate_robot_log.reading.raw import Stream
 
 QUANTITIES = ("position", "orientation", "force", "moment")
 
 _AXES = ("x", "y", "z", "w")
 _SHORT = ("f", "t", "m", "q", "p", "r", "o", "pos", "rot", "quat", "force", "torque", "moment", "tcp")
-_TURNS = {"roll": "x", "pitch": "y", "yaw": "z", "alpha": "x", "beta": "y", "gamma": "z"}
 _ANGLES = ("abc", "wpr")
 """Letters of three angles in degrees: A, B, C of KUKA, Doosan and others, and W, P, R of Fanuc."""
 
 WRENCH_WORDS = WORDS["wrench"] | WORDS["six"]
 ORDER = "the order of the columns of {}: x, y, z by their numbers is assumed"
 
-_STAMPS = {"sec": "nanosec", "secs": "nsecs"}
-"""Fields of a time stamp in ROS 2 and 1: whole seconds, and nanoseconds to add."""
+_STAMPS = (("sec", "nanosec"), ("secs", "nsecs"), ("sec", "nsec"), ("sek", "nsek"))
+"""Fields of a time stamp, as of ROS and KUKA's Sunrise: whole seconds, and nanoseconds to add."""
 _COARSE_CLOCK, _USUAL_LENGTH_S, _LONGEST_STEP_S = 0.01, 20.0, 2.0
 _RISING, _LEAST_RISING = 0.9, 0.25
 """Shares of steps of a time that do not go back, and that go up: a clock coarser than the rows repeats."""
@@ -126,10 +125,11 @@ def _splits(words: tuple[str, ...]) -> Iterator[tuple[int, tuple[str, ...], str]
         before, word, after = words[:at], words[at], words[at + 1 :]
         rank = 1 if not after else 2
         yield from ((0, (*before, *after, letters), word) for letters in _ANGLES if word in letters)
-        if word in _AXES or (word.isdigit() and not after):
+        is_turn = bool({*before[-1:]} & ROLES["orientation"].vector)  # q0_meas
+        if word in _AXES or (word.isdigit() and (not after or is_turn)):
             yield rank, (*before, *after), word
-        elif word in _TURNS:
-            yield rank, (*before, *after, "euler"), _TURNS[word]
+        elif word in TURNS:
+            yield rank, (*before, *after, "euler"), TURNS[word]
         elif word[:-1] == "v" and word[-1] in _AXES and before[-1:] == ("force",):  # force_vx of OpenSim
             yield rank, (*before, *after), word[-1]
         elif word[-1] in _AXES and word[:-1] in _SHORT:
@@ -230,7 +230,7 @@ def _entries(group: Group, columns: Sequence[Column], form: str) -> list[dict[st
         orders = [names, [*names[1:], names[0]]] if group.is_indexed else [names]
         if {"wxyz", "xyzw"} & words:
             orders = [orders["wxyz" in words]]
-        return [{"columns": order} for order in (orders[::-1] if group.words[-1:] == ("q",) else orders)]
+        return [{"columns": order} for order in (orders[::-1] if "q" in words else orders)]
     if form != "angles":
         return [{"form": form, "columns": names} if form else {"columns": names}]
     largest = np.abs(complete_rows(columns)).max(initial=0.0)
@@ -266,14 +266,15 @@ def _of_transform(group: Group) -> Iterator[tuple[str, Guess]]:
 
 def time_of(stream: Stream) -> Guess | None:
     """Column of time of a stream, with its unit; None where no column increases."""
-    for name, (whole, part) in product(stream.columns, _STAMPS.items()):
-        stamp = name.removesuffix(whole)
-        if stamp == name or stamp + part not in stream.columns:
+    own = {name.lower(): name for name in stream.columns}
+    for (lower, name), (whole, part) in product(own.items(), _STAMPS):
+        nanoseconds = own.get(lower.removesuffix(whole) + part)
+        if not lower.endswith(whole) or nanoseconds is None:
             continue
-        seconds = stream.column(name).values + 1e-9 * stream.column(stamp + part).values
+        seconds = stream.column(name).values + 1e-9 * stream.column(nanoseconds).values
         steps = np.diff(seconds[np.isfinite(seconds)])
         if steps.size and np.mean(steps > 0.0) >= _RISING:
-            entry = {"column": name, "nanoseconds": stamp + part, "unit": "s"}
+            entry = {"column": name, "nanoseconds": nanoseconds, "unit": "s"}
             return Guess(entry=entry, stream=stream.name)
     columns = [*stream.columns.values()]
     score, _, column = max(
