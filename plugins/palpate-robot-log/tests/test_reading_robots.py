@@ -281,3 +281,68 @@ def test_names_of_makers_and_languages_are_known(tmp_path: Path) -> None:
         torque = RobotLogLoader(RobotLogSettings.model_validate(settings)).load(path)["torque"]
         assert torque.ordinate.max() == pytest.approx(TORQUE_NMM, abs=0.5)
         assert torque.abscissa.max() == pytest.approx(22.5, abs=0.1)
+
+
+def asked(path: Path, table: Table) -> str:
+    write.write_text(path, table)
+    return str(inspect_log(path).record["problem"])
+
+
+def test_numbers_that_fit_two_units_are_asked_about(tmp_path: Path) -> None:
+    """A lever of 200 mm, or 0.2 mm; a press of 13 mm, or 1.3 mm."""
+    made = press(twist=True)
+    turn, forces = named("qx qy qz qw", made.pose.as_quat()), named("fx fy fz", made.force_N)
+    for size_mm, size_Nm, question in (
+        (1.0, 100.0, "mx, my, mz span 5.09 and show no unit: N cm, N m or N·mm? write unit next to moment"),
+        (0.1, 1.0, "x, y, z span 1.3 and show no unit: cm, mm or m? write unit next to position"),
+    ):
+        place, moments = (
+            named("x y z", size_mm * made.tip_mm),
+            named("mx my mz", size_Nm * made.moment_Nm),
+        )
+        assert asked(tmp_path / "t.csv", {"t": made.time_s} | place | turn | forces | moments) == question
+
+
+@pytest.mark.parametrize(("yields_mm", "is_asked"), [(0.4, True), (0.0, False)])
+def test_two_measured_positions_that_differ_are_asked_about(
+    tmp_path: Path, yields_mm: float, is_asked: bool
+) -> None:
+    made = press(twist=True)
+    off = yields_mm / FORCE_N * made.force_N
+    poses = named("camera_x camera_y camera_z", 1e-3 * (made.tip_mm - off)) | named(
+        "robot_x robot_y robot_z", 1e-3 * made.tip_mm
+    )
+    turn = named("qx qy qz qw", made.pose.as_quat())
+    table = {"t": made.time_s} | poses | turn | wrench(made)
+    question = "camera_x, camera_y, camera_z or robot_x, robot_y, robot_z? both show the tool, and differ"
+    assert (question in asked(tmp_path / "t.csv", table)) == is_asked
+
+
+def test_a_turn_of_a_machine_that_wraps_is_one_turn(tmp_path: Path) -> None:
+    made = press(twist=True)
+    turn = np.degrees(np.unwrap(made.pose.as_euler("ZYX")[:, 0]))
+    table = {
+        "Time (s)": made.time_s,
+        "Crosshead (mm)": 203.0 - made.tip_mm[:, 2],
+        "Load (N)": -made.force_N[:, 2],
+        "Rotation (deg)": np.mod(turn - turn[0] + 5.0, 360.0),
+        "Torque (N·mm)": 1e3 * made.moment_Nm[:, 2],
+    }
+    path = tmp_path / "t.csv"
+    write.write_text(path, table)
+    settings = tomllib.loads(inspect_log(path).study_text)["experiment"]["settings"]
+    torque = RobotLogLoader(RobotLogSettings.model_validate(settings)).load(path)["torque"]
+    assert torque.abscissa.max() == pytest.approx(22.5, abs=0.1)
+    assert torque.ordinate.max() == pytest.approx(TORQUE_NMM, abs=0.5)
+    curve = {name: table[name][100:400] for name in ("Rotation (deg)", "Torque (N·mm)")}
+    assert "Rotation (deg) jumps by a full turn: unwrap it" in asked(path, curve)
+
+
+def test_a_time_with_marks_between_its_thousands_is_named(tmp_path: Path) -> None:
+    made = press(twist=True)
+    body = rows(made.tip_mm, made.pose.as_quat(), made.force_N, made.moment_Nm, form="{:.12g}")
+    names = "Time (ms),x_mm,y_mm,z_mm,qx,qy,qz,qw,fx_N,fy_N,fz_N,tx_Nm,ty_Nm,tz_Nm"
+    lines = [f'"{1e3 * t:,.0f}",{row}' for t, row in zip(made.time_s, body, strict=True)]
+    (tmp_path / "t.csv").write_text("\n".join([names, *lines]))
+    problem = inspect_log(tmp_path / "t.csv").record["problem"]
+    assert "'1,000' has marks between its thousands; export the file without them" in problem

@@ -43,6 +43,7 @@ class Guess:
     is_commanded: bool = False  # the name states that the columns are not measured
     is_counter: bool = False  # counts rows, whose rate has to be given
     to_check: tuple[str, ...] = ()  # what a person has to decide
+    question: str = ""  # for a unit of which there are several
     also: tuple["Guess", ...] = ()  # what an orientation may be instead, the likeliest first
 
     @property

@@ -87,20 +87,40 @@ def propose(log: RawLog) -> LogGuess:
         ranked["orientation"] = [stage.with_check("no orientation is found: the tool never turns")]
     force = ranked["force"][0] if "force" in ranked else None
     arm = words_of(force.names[0])[0] if force else ""
+
+    def order(one: Guess) -> tuple[object, ...]:  # of two arms, the one whose force is there: right_fx
+        return (one.rank or ())[:4], all(arm not in words_of(n) for n in one.names)
+
     for poses in (ranked.get("position", []), ranked.get("orientation", [])) if arm else ():
-        # Of two arms alike, the one whose force is there: right_x next to right_fx.
-        poses.sort(key=lambda one: ((one.rank or ())[:4], all(arm not in words_of(n) for n in one.names)))
+        poses.sort(key=order)
+    if places := ranked.get("position"):
+        places[0] = _or_asked(log, [one for one in places if order(one) == order(places[0])])
     force_extent = extent(complete_rows(log.columns(force.stream, force.names))) if force else 0.0
     guesses = {name: with_unit(log, name, guesses[0], force_extent) for name, guesses in ranked.items()}
-    streams = {each.stream for each in guesses.values()}
     return LogGuess(
         guesses=guesses,
         time={stream.name: time for stream in log.streams if (time := time_of(stream)) is not None},
         others={name: tuple(guesses[1:4]) for name, guesses in ranked.items() if len(guesses) > 1},
         skips_missing=any(_lacks(log, guess) for guess in guesses.values()),
-        repeats_time=any(repeats_time(log.stream(name)) for name in streams),
+        repeats_time=any(repeats_time(log.stream(one.stream)) for one in guesses.values()),
         wrench_frame="base" if "force" in guesses and guesses["force"].is_in_base else "sensor",
     )
+
+
+def _or_asked(log: RawLog, places: Sequence[Guess]) -> Guess:
+    """First of the likeliest positions, with a question where another one moves too, but not alike."""
+    first, *others = places
+    ways = list[FloatArray]()
+    for one in (first, *(other for other in others if other.stream == first.stream)):
+        columns = log.columns(one.stream, one.names)
+        unit_mm = factor_of(columns[0], "length") or (1.0 if extent(complete_rows(columns)) > 0.8 else 1e3)
+        ways.append(unit_mm * np.column_stack([of.values for of in columns]))
+        known = np.isfinite(ways[0] + ways[-1]).all(axis=1)
+        mine, its, off = (extent(way[known]) for way in (ways[0], ways[-1], ways[-1] - ways[0]))
+        if off > 0.02 * mine and 0.5 < its / max(mine, 1e-300) < 2.0:
+            ask = f"{first} or {one}? both show the tool, and differ: write one as position"
+            return replace(first, question=ask)
+    return first
 
 
 def _ranked(quantity: str, guesses: Iterable[Guess]) -> list[Guess]:
@@ -250,21 +270,28 @@ def with_unit(log: RawLog, quantity: str, guess: Guess, force_extent: float) -> 
     if (size := extent(values)) > 5e4 and np.array_equal(values, np.round(values)):
         counts = f"the {quantity}: whole numbers over {size:.3g} without a unit, as of counts"
         return guess.with_check(f"{counts}; calibrate the columns, and write unit")
-    unit = _likely_unit(quantity, values, force_extent)
+    unit, *others = _likely_units(quantity, values, force_extent)
+    if others:
+        spans = f"{', '.join(guess.names)} span {size:.3g} and show no unit"
+        return replace(
+            guess, question=f"{spans}: {unit}, {' or '.join(others)}? write unit next to {quantity}"
+        )
     check = f"the unit of {quantity}: {unit} is judged from the size of the numbers alone"
     return guess.with_check(check, unit=unit)
 
 
-def _likely_unit(quantity: str, values: FloatArray, force_extent: float) -> str:
+def _likely_units(quantity: str, values: FloatArray, force_extent: float) -> list[str]:
+    """Units in which the numbers of a quantity have a usual size; a person decides between several."""
     size = extent(values)
-    if quantity == "position":
-        return "m" if size < 0.8 else "mm"
+    if quantity == "position":  # a press with its way in free air is longer than 3 mm
+        return ["m"] if size < 0.8 else ["cm", "mm", "m"] if size < 3.0 else ["mm"]
     if quantity == "orientation":
-        return "rad" if not len(values) or np.abs(values).max() <= 2.0 * np.pi else "deg"
+        return ["rad"] if not len(values) or np.abs(values).max() <= 2.0 * np.pi else ["deg"]
     if quantity == "force":
-        return "N" if size < 500.0 else "mN"
-    # A lever of a metre is longer than any tool, one of a millimetre shorter than most.
-    return "N m" if force_extent > 0.0 and size / force_extent < 0.5 else "N·mm"
+        return ["N"] if size < 500.0 else ["mN"]
+    # A lever of 100 mm is longer than most tools, one of half a millimetre shorter.
+    lever = size / force_extent if force_extent > 0.0 else np.inf
+    return ["N m"] if lever < 0.1 else ["N cm", "N m", "N·mm"] if lever < 0.5 else ["N·mm"]
 
 
 # ------------------------------------------------------------------- settings of the loader
@@ -327,6 +354,7 @@ def _questions(log: RawLog, guess: LogGuess) -> Iterator[str]:
     rate = f'give time = {{ column = "{counters[0].names[0]}", rate = "… Hz" }}' if counters else ""
     missing = [name for name in QUANTITIES if name not in guess.guesses]
     missing = ["time"] * (time is None or time.is_counter) + missing
+    yield from (one.question for one in guess.guesses.values() if one.question)
     if not missing:
         if counters:
             yield f"not found: the time of {counters[0].stream}; {rate} next to its columns"
@@ -337,6 +365,7 @@ def _questions(log: RawLog, guess: LogGuess) -> Iterator[str]:
     if "time" in missing and not rate:
         remedies.append("add a column of seconds, or of counts")
     counts = [note for note in log.notes if note.endswith(HEXADECIMAL)]
+    counts += [c.note for stream in log.streams for c in stream.columns.values() if "thousands" in c.note]
     yield f"not found: {', '.join(missing)}; {counts[0] if counts else '; or '.join(filter(None, remedies))}"
 
 
