@@ -220,3 +220,14 @@ def test_strain_and_stress_have_names_in_other_languages(names: str, tmp_path: P
     assert curves is not None, problem
     assert curves["uniaxial"].ordinate.max() == pytest.approx(0.012)
     assert curves["uniaxial"].abscissa.max() == pytest.approx(1.2)
+
+
+@pytest.mark.parametrize(("name", "unloaded"), [("Strain", 0.0), ("Stretch", 1.0)])
+def test_a_strain_that_begins_where_the_stress_was_zeroed_is_asked_about(
+    name: str, unloaded: float, tmp_path: Path
+) -> None:
+    for begin in (0.0, 0.05):
+        lines = [f"{name},Nominal stress (kPa)", *rows(unloaded + begin + STRAIN, STRESS_KPA)]
+        (tmp_path / "t.csv").write_text("\n".join(lines))
+        question = f"{name} is {unloaded + begin:.4g} where the stress begins: is it zeroed there?"
+        assert (question in proposed(tmp_path / "t.csv")[1]) == (begin > 0.0)

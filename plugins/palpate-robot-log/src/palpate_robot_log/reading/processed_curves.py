@@ -352,6 +352,10 @@ def _open(along: Picked, stress: Picked, columns: Sequence[Column], *, is_stretc
     largest = float(np.nanmax(np.abs(along.column.values), initial=0.0))
     if along.factor is None and not along.column.shown_unit and not is_stretch and largest > 10.0:
         yield f"{along.column.name} goes to {largest:.4g}: in percent? give scale, 0.01 or 1"
+    size, load = abs(along.column.values - is_stretch), abs(stress.column.values)
+    if size[0] > 0.1 * np.nanmax(size) and load[0] < _AT_REST * np.nanmax(load):
+        ask = "is it zeroed there? subtract it by offset, or add the rows before"
+        yield f"{along.column.name} is {along.column.values[0]:.4g} where the stress begins: {ask}"
     if WORDS["oscillation"] & {word for column in columns for word in words_of(column.name)}:
         yield f"{stress.column.name}: amplitudes of an oscillation are no curve; give a test of loading"
 
