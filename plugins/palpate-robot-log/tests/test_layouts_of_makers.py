@@ -231,3 +231,14 @@ def test_a_strain_that_begins_where_the_stress_was_zeroed_is_asked_about(
         (tmp_path / "t.csv").write_text("\n".join(lines))
         question = f"{name} is {unloaded + begin:.4g} where the stress begins: is it zeroed there?"
         assert (question in proposed(tmp_path / "t.csv")[1]) == (begin > 0.0)
+
+
+@pytest.mark.parametrize("name", ["lambda - 1", "λ-1", "Stretch (%)"])
+def test_a_stretch_that_begins_at_0_is_a_strain(name: str, tmp_path: Path) -> None:
+    values = (100.0 if "%" in name else 1.0) * STRAIN
+    lines = [f"{name},Nominal stress (kPa)", *rows(values, STRESS_KPA)]
+    (tmp_path / "t.csv").write_text("\n".join(lines), encoding="utf-8")
+    curves, problem = proposed(tmp_path / "t.csv")
+    assert curves is not None, problem
+    found = curves["uniaxial"].abscissa
+    assert (found.min(), found.max()) == pytest.approx((1.0, 1.2))

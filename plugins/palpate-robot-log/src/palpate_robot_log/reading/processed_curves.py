@@ -353,7 +353,7 @@ def _open(along: Picked, stress: Picked, columns: Sequence[Column], *, is_stretc
     if along.factor is None and not along.column.shown_unit and not is_stretch and largest > 10.0:
         yield f"{along.column.name} goes to {largest:.4g}: in percent? give scale, 0.01 or 1"
     size, load = abs(along.column.values - is_stretch), abs(stress.column.values)
-    if size[0] > 0.1 * np.nanmax(size) and load[0] < _AT_REST * np.nanmax(load):
+    if 0.1 < size[0] / np.nanmax(size) < 0.9 and load[0] < _AT_REST * np.nanmax(load):
         ask = "is it zeroed there? subtract it by offset, or add the rows before"
         yield f"{along.column.name} is {along.column.values[0]:.4g} where the stress begins: {ask}"
     if WORDS["oscillation"] & {word for column in columns for word in words_of(column.name)}:
@@ -371,7 +371,9 @@ def _homogeneous(columns: Sequence[Column], stated: Set[str]) -> Proposal | None
             return Proposal(test="uniaxial", questions=(ask,))
         return None
     test = test_of(along.column, stress.column, columns, stated)
-    is_stretch = bool({"stretch", "lambda", "streckung"} & {*words_of(along.column.name)})
+    first = along.column.values[np.isfinite(along.column.values)][0] * (along.factor or 1.0)
+    # No stretch begins at 0, and λ - 1 is a strain.
+    is_stretch = bool({"stretch", "lambda", "streckung"} & {*words_of(along.column.name)}) and first > 0.5
     signs, remarks = _signs(along.column.values, stress.column.values, test, is_stretch=is_stretch)
     is_nominal = not test.strain and not is_stretch and test.mode != "simple_shear"
     columns_of: dict[str, Any] = {
