@@ -2,6 +2,7 @@
 
 from dataclasses import replace
 from functools import partial
+from pathlib import Path
 from types import SimpleNamespace
 
 import numpy as np
@@ -29,12 +30,15 @@ OWN = (0.035, 0.07, 0.19)
 
 @pytest.fixture
 def assessed_with(pressed, stage_of):
-    """Assess presses on spots with values of their own."""
+    """Assess presses on spots with values of their own, at places by their letters."""
 
-    def made(values, prior=None, **budget):
+    def made(values, prior=None, places="", **budget):
         spots = tuple(f"p{i + 1}" for i in range(len(values)))
         study = pressed.study_of(Ogden(), ("c1",), spots=spots)
         study = replace(study, budget=study.budget.model_copy(update=budget))
+        if places:
+            at = zip(study.spots, places, strict=True)
+            study = replace(study, spots=tuple(replace(spot, mesh=Path(place)) for spot, place in at))
         if prior is not None:
             (region,) = study.space.regions
             searched = tuple(replace(parameter, prior=prior) for parameter in region.searched)
@@ -144,6 +148,29 @@ def test_two_spots_differ_from_each_other_by_twice_the_variance(assessed_with):
     assert table["probability"].to_list() == pytest.approx([0.5] * 4, abs=0.1)
 
 
+def test_presses_at_one_place_are_one_spot(assessed_with):
+    study, _, (one_each, *_) = assessed_with((0.06, 0.08))
+    _, _, assessed = assessed_with((0.06, 0.06, 0.08, 0.08), places="aabb")
+    joint, own = assessed[0], assessed[0].linear.own.point
+    found, expected = joint.errors.between, one_each.errors.between
+    assert found.freedom == expected.freedom == 1.0
+    np.testing.assert_array_equal(own[::2], own[1::2])
+    np.testing.assert_allclose(found.sd, expected.sd, rtol=0.1)
+    np.testing.assert_allclose(joint.values, one_each.values, rtol=0.02)
+    (row,) = certainty_tables(assessed, study)["between_spots"].to_dicts()
+    assert row["n_spots"] == 2
+    # The other press at the place tells more of its tissue than another spot does.
+    table, others = held_out(joint), held_out(one_each)
+    assert table["inside"].all()
+    assert table["band"].max() < 0.3 * others["band"].min()
+
+
+def test_presses_at_one_place_with_values_of_their_own_are_no_spots_that_differ(assessed_with):
+    _, _, (joint, *_) = assessed_with((0.06, 0.08), places="aa")
+    assert joint.errors.between is None
+    assert joint.errors.alike is None
+
+
 def test_spots_that_differ_have_intervals_with_a_prior_on_what_they_share(assessed_with):
     prior = Prior(value=0.07, sd=0.002)
     study, _, assessed = assessed_with((0.066, 0.071, 0.078), prior)
@@ -190,7 +217,7 @@ def test_spots_that_differ_manifold_with_errors_in_proportion(sd):
     """Curves in proportion to a modulus of 1 to 100, with an error of all, of each, and of each point."""
     n_spots, n, log, width = 6, 10, np.log(100.0), 99.0
     spot, box = np.repeat(np.arange(n_spots), n), box_of(log)
-    rows = SimpleNamespace(spot=spot, channel=np.zeros(spot.size, dtype=int), curve=spot)
+    rows = SimpleNamespace(site=spot, spot=spot, channel=np.zeros(spot.size, dtype=int), curve=spot)
     shape, rng = np.tile(np.linspace(0.1, 1.0, n), n_spots), np.random.default_rng(3)
     held, spread = [], []
     for _ in range(60):
@@ -224,7 +251,7 @@ def test_spots_that_differ_manifold_with_errors_in_proportion(sd):
 def test_a_prior_holds_the_mean_and_spots_without_a_parameter_tell_nothing_of_its_spread(log, has_prior):
     n, own = 10, np.array([0.3, 0.4, 0.5])
     spot = np.array([*np.repeat(np.arange(5), n), *([-1] * has_prior)])
-    rows = SimpleNamespace(spot=spot, channel=np.where(spot < 0, -1, 0), curve=spot)
+    rows = SimpleNamespace(site=spot, spot=spot, channel=np.where(spot < 0, -1, 0), curve=spot)
     slopes = np.where((spot >= 0) & (spot < 3), np.tile(np.linspace(0.1, 1.0, n), 6)[: spot.size], 0.0)
     slopes[spot < 0] = 1.0
     joint = np.array([0.4])
@@ -243,7 +270,9 @@ def test_a_prior_holds_the_mean_and_spots_without_a_parameter_tell_nothing_of_it
     assert made.seen.sum() == 3
     assert made.freedom == 2.0
     of_three = spot < 3
-    alone = SimpleNamespace(spot=spot[of_three], channel=rows.channel[of_three], curve=spot[of_three])
+    alone = SimpleNamespace(
+        site=spot[of_three], spot=spot[of_three], channel=rows.channel[of_three], curve=spot[of_three]
+    )
     if not has_prior:
         few = {"noise": causes["noise"][np.ix_(of_three, of_three)]}
         same = found_by(residuals[of_three], slopes[of_three, None], few, alone, of_all[:3], box, joint)

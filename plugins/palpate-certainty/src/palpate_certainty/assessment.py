@@ -1,6 +1,6 @@
 """The certainty of a study's fits: intervals, their causes, and whether the model describes the data."""
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass, field, replace
 from types import MappingProxyType
@@ -22,7 +22,17 @@ from palpate.api import (
     Simulation,
 )
 from palpate.api.executors import StoppedError
-from palpate.api.fit import THRESHOLDS, Adequacy, Case, Fit, Trial, channel_of
+from palpate.api.fit import (
+    THRESHOLDS,
+    Adequacy,
+    Case,
+    Evaluation,
+    Fit,
+    Problem,
+    Trial,
+    channel_of,
+    linear_least,
+)
 from palpate.api.runs import Study, relaxation_of
 from palpate_certainty.adequacy import Check, checks, closeness_of, is_beyond, misfits, shape_of
 from palpate_certainty.error_sources import (
@@ -224,7 +234,10 @@ class Assessment:
     def _own(
         self, case: Case, cases: Sequence[Case], points: LinearProblem, columns: Columns
     ) -> LinearProblem | None:
-        """Problem where each spot's curves are linear around its own fit; None if a spot has none."""
+        """Problem where each spot's curves are linear around its own fit; None if a spot has none.
+
+        Presses at one place are linear around values where their squares together are nearly least.
+        """
         assert case.end is not None
         whole, states = case.end.problem, self.study.space.states
         ends = {c.label: c.values() for c in cases if c.scenario is case.scenario and c is not case}
@@ -232,18 +245,23 @@ class Assessment:
             return None
         residuals, jacobian, scaled = points.residuals.copy(), points.jacobian.copy(), dict(columns)
         nothing = whole.residuals_of_nothing()
-        point, weight = np.tile(points.point, (len(case.spots), 1)), len(case.spots) ** -0.5
-        for number, term in enumerate(whole.terms):
-            alone, rows = whole.restated([term]), np.flatnonzero(points.rows.spot == number)
-            (found,) = alone.evaluate([Trial(point=alone.point_of(ends[term.spot], exact=True), slopes=True)])
-            if found.jacobian is None:
+        point, n_spots = np.tile(points.point, (len(case.spots), 1)), len(case.spots)
+        for site in dict.fromkeys(term.site for term in whole.terms):
+            there = [term for term in whole.terms if term.site == site]
+            numbers = np.flatnonzero([term.site == site for term in whole.terms])
+            alone, rows = whole.restated(there), np.isin(points.rows.spot, numbers)
+            found = _nearly_least(alone, [alone.point_of(ends[t.spot], exact=True) for t in there])
+            if found is None:
                 return None
-            here = np.flatnonzero([ParameterName.parse(n).counts_at(term.spot) for n in whole.names])
-            own, slopes, point[number, here] = linearised(alone.box, found)
-            residuals[rows] = weight * own[: rows.size]
-            jacobian[np.ix_(rows, here)] = weight * slopes[: rows.size]
-            for channel in np.unique(points.rows.channel[rows]):
-                at = rows[points.rows.channel[rows] == channel]
+            parsed = map(ParameterName.parse, whole.names)
+            here = np.flatnonzero([any(name.counts_at(t.spot) for t in there) for name in parsed])
+            own, slopes, point[np.ix_(numbers, here)] = linearised(alone.box, found)
+            weight, n = (len(there) / n_spots) ** 0.5, int(rows.sum())
+            residuals[rows], jacobian[np.ix_(rows, here)] = weight * own[:n], weight * slopes[:n]
+        for number, term in enumerate(whole.terms):
+            inside = np.flatnonzero(points.rows.spot == number)
+            for channel in np.unique(points.rows.channel[inside]):
+                at = inside[points.rows.channel[inside] == channel]
                 old, new = (np.linalg.norm((of - nothing)[at]) for of in (points.residuals, residuals))
                 curve = term.spot, points.channels[channel]
                 # What is simulated of an error is in proportion to the curve.
@@ -319,6 +337,22 @@ class Assessment:
             if any(np.any(each) for each in columns.values())
         }
         return known | {PRIORS: np.diag(np.where(rows.channel < 0, end.problem.noise, 0.0))}
+
+
+def _nearly_least(problem: Problem, starts: Sequence[FloatArray]) -> Evaluation | None:
+    """Evaluation of the best start, or of one step from it where there are several; None if all fail."""
+    found = problem.evaluate([Trial(point=start, slopes=True) for start in starts])
+    if len(starts) > 1 and (best := _least(found)) is not None:
+        residuals, slopes, shares = linearised(problem.box, best)
+        width = problem.box.upper - problem.box.lower
+        values = problem.box.lower + width * linear_least(slopes, slopes @ shares - residuals)
+        found = [best, *problem.evaluate([Trial(point=problem.box.point(values), slopes=True)])]
+    return _least(found)
+
+
+def _least(found: Iterable[Evaluation]) -> Evaluation | None:
+    has_slopes = [each for each in found if each.jacobian is not None]
+    return min(has_slopes, key=lambda each: each.objective, default=None)
 
 
 def _left_out(case: Case, failures: Mapping[ErrorSource, str]) -> dict[str, str]:

@@ -1,7 +1,8 @@
 """Differences between spots: a random effect of each parameter that the spots share.
 
 Each spot has parameters of its own, spread around their mean: moduli in logarithms, since two spots may
-differ manifold, and errors of curves grow with moduli. Their standard deviations are those that make the
+differ manifold, and errors of curves grow with moduli. Presses at one place of a limb (a site) are of one
+tissue: they count as one spot. The standard deviations are those that make the
 spots' own values most likely (restricted likelihood), and their intervals come from the Q-profile
 (Viechtbauer, Statistics in Medicine 26, 2007).
 """
@@ -75,7 +76,7 @@ class SpotDifferences:
 
     def changes(self, jacobian: FloatArray, rows: ResidualLayout) -> FloatArray:
         """Change of the residuals (n,) to the own values of each spot."""
-        each = zip(self.own, _spots(rows), strict=True)
+        each = zip(self.own, _at_sites(rows), strict=True)
         changes: FloatArray = sum((i * (jacobian @ own) for own, i in each), np.zeros(rows.spot.size))
         return changes
 
@@ -97,16 +98,21 @@ def by_spot(jacobian: FloatArray, rows: ResidualLayout) -> FloatArray:
     """Slopes (n, m) where each spot has shared parameters of its own; the other parameters come last."""
     shared = shared_parameters(jacobian, rows)
     others = np.delete(jacobian, shared, axis=1)
-    return np.concatenate([*(jacobian[:, shared] * i[:, None] for i in _spots(rows)), others], axis=1)
+    return np.concatenate([*(jacobian[:, shared] * i[:, None] for i in _at_sites(rows)), others], axis=1)
 
 
 def _seen(jacobian: FloatArray, rows: ResidualLayout) -> BoolArray:
     """Whether curves depend on a parameter (n_spots, n_parameters)."""
-    return np.array([np.any(jacobian[inside] != 0.0, axis=0) for inside in _spots(rows)])
+    return np.array([np.any(jacobian[inside] != 0.0, axis=0) for inside in _at_sites(rows)])
 
 
-def _spots(rows: ResidualLayout) -> list[BoolArray]:
-    return [rows.spot == spot for spot in np.unique(rows.spot[rows.channel >= 0])]
+def _at_sites(rows: ResidualLayout) -> list[BoolArray]:
+    return [rows.site == site for site in sites_of(rows)]
+
+
+def sites_of(rows: ResidualLayout) -> IntArray:
+    """Numbers of the sites that measured points are at."""
+    return np.unique(rows.site[rows.channel >= 0])
 
 
 def differences(
@@ -241,10 +247,8 @@ def probability_of_alike(
     residuals: FloatArray, jacobian: FloatArray, covariance: FloatArray, rows: ResidualLayout
 ) -> float:
     """Probability of spots that ask for parameters so far from the joint ones (χ² of their scores)."""
-    spots = [spot for spot in np.unique(rows.spot) if spot >= 0]
-    scores = np.concatenate(
-        [np.linalg.svd(jacobian * (rows.spot == s)[:, None], full_matrices=False)[0] for s in spots], axis=1
-    )
+    each = (jacobian * inside[:, None] for inside in _at_sites(rows))
+    scores = np.concatenate([np.linalg.svd(of, full_matrices=False)[0] for of in each], axis=1)
     left, sizes, _ = np.linalg.svd(jacobian, full_matrices=False)
     left = left[:, sizes > 1e-9 * sizes.max()]
     free = scores - left @ (left.T @ scores)

@@ -77,7 +77,11 @@ def _predicted(assessed: Assessed, out: BoolArray) -> tuple[FloatArray, FloatArr
     others = of_out = linear.columns(errors)
     new, known = np.zeros_like(found.covariance), assessed.errors.between
     between, own, spot = errors.between or known, linear.by_spot, linear.rows.spot[out][0]
-    if known is not None and between is not None:  # the spot has values of its own
+    residuals, point, site = linear.residuals[out], linear.point, int(linear.rows.site[out][0])
+    if errors.between is not None and site in rest.rows.site:  # other presses show the values there
+        found, there, others = rest.at_site(errors, site).in_range, own.jacobian[out], own.columns(errors)
+        residuals, point, of_out, between = own.residuals[out], own.point[spot], others, None
+    elif known is not None and between is not None:  # the spot has values of its own
         others, rates = own.columns(errors), between.rates_to(own.point[spot], linear.box)
         # Two spots differ by twice the variance; one and the means of the others, which differ too, by one.
         sd = np.sqrt(2.0) * known.sizes / known.rates
@@ -92,7 +96,7 @@ def _predicted(assessed: Assessed, out: BoolArray) -> tuple[FloatArray, FloatArr
     if between is not None:
         share = np.trace(there @ (found.parts.get(SPOTS, 0.0) + new) @ there.T) / np.trace(predicted)
         freedom = freedom_of(np.array([share]), between.freedom, freedom)
-    return linear.residuals[out] + there @ (found.centre - linear.point), predicted, freedom
+    return residuals + there @ (found.centre - point), predicted, freedom
 
 
 def sentence(table: pl.DataFrame) -> str:

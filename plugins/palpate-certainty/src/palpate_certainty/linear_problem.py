@@ -22,6 +22,7 @@ from palpate_certainty.between_spots import (
     freedom_of,
     probability_of_alike,
     shared_parameters,
+    sites_of,
 )
 from palpate_certainty.laplace import PRIORS, Laplace, laplace, root_of, scores_of, whitening
 from palpate_certainty.noise_model import (
@@ -68,7 +69,8 @@ class LinearProblem:
     Parameters
     ----------
     point : (n_parameters,) array
-        Its end, as shares of the ranges; (n_spots, n_parameters) where each spot has parameters of its own.
+        Its end, as shares of the ranges; (n_spots, n_parameters) where each spot has parameters of its own,
+        the same for presses at one place.
     residuals : (n,) array
         Simulated less measured.
     jacobian : (n, n_parameters) array
@@ -207,6 +209,17 @@ class LinearProblem:
         missed, freedom = self.residuals * (not is_likeliest), errors.scale.freedom
         return laplace(self.point, missed, self.jacobian, self.columns(errors), self.scores, freedom=freedom)
 
+    def at_site(self, errors: ResidualErrors, site: int) -> Laplace:
+        """Density of the parameters at a site by its own curves, where sites differ."""
+        by, shared, sites = self.by_spot, shared_parameters(self.jacobian, self.rows), sites_of(self.rows)
+        found, n = _changes(self, errors), by.point.shape[1]
+        others, first = np.delete(np.arange(n), shared), int(np.searchsorted(sites, site)) * shared.size
+        chosen = np.zeros((n, found.centre.size))
+        chosen[shared, first + np.arange(shared.size)] = 1.0
+        chosen[others, sites.size * shared.size + np.arange(others.size)] = 1.0
+        there = found.mapped(chosen, by.point[site] + chosen @ found.centre)
+        return replace(there, freedom=errors.scale.freedom)
+
     def white(self, errors: ResidualErrors) -> FloatArray:
         """Matrix (m, n_points) from the residuals of measured points to independent ones of variance 1."""
         return whitening(self.scores, self.covariance(errors), self.groups)
@@ -268,12 +281,17 @@ def errors_without(linear: LinearProblem, kept: BoolArray, known: ResidualErrors
     return replace(errors, between=_between(rest, errors) if known.between and rest.has_shared else None)
 
 
+def _changes(linear: LinearProblem, errors: ResidualErrors) -> Laplace:
+    """Density of the changes of the parameters, where each site has shared parameters of its own."""
+    by = linear.by_spot
+    return laplace(np.zeros(by.slopes.shape[1]), by.residuals, by.slopes, by.columns(errors), by.scores)
+
+
 def _between(linear: LinearProblem, errors: ResidualErrors) -> SpotDifferences:
-    by, known = linear.by_spot, linear.rows.channel < 0
-    changes = laplace(np.zeros(by.slopes.shape[1]), by.residuals, by.slopes, by.columns(errors), by.scores)
+    by, known, changes = linear.by_spot, linear.rows.channel < 0, _changes(linear, errors)
     size = linear.known[PRIORS][known] if PRIORS in linear.known else np.empty((0, 0))
     prior = linear.residuals[known], linear.jacobian[known], size @ size.T, linear.point
-    points = by.point[np.unique(linear.rows.spot[~known])]
+    points = by.point[sites_of(linear.rows)]
     return differences(changes, by.jacobian, by.rows, points, linear.box, prior)
 
 
