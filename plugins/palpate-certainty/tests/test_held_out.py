@@ -12,7 +12,7 @@ from palpate_certainty import held_out as module
 from palpate_certainty.assessment import Assessment
 from palpate_certainty.held_out import BAND, held_out, is_apart, sentence
 from palpate_certainty.laplace import PRIORS
-from palpate_certainty.linear_problem import LinearProblem, ResidualErrors
+from palpate_certainty.linear_problem import LinearProblem, ResidualErrors, errors_without
 from palpate_certainty.noise_model import ErrorScale, NoiseModel, ResidualLayout, grouped, groups_of
 from palpate_materials.uncoupled import Ogden
 
@@ -62,6 +62,28 @@ def test_curves_that_belong_are_inside_as_often_as_the_band_says(monkeypatch):
         assessed = SimpleNamespace(linear=linear, end=end, errors=known_errors)
         inside += held_out(assessed)["inside"].to_list()
     assert np.mean(inside) == pytest.approx(BAND, abs=0.05)
+
+
+@pytest.mark.parametrize(("n_kept", "is_known"), [(1, True), (2, False)])
+def test_presses_of_one_site_do_not_tell_the_model_error(n_kept, is_known):
+    """Parameters absorb most of what a wrong law misses at one site; from two on the others tell."""
+    rng, rows = np.random.default_rng(6), layout()
+    sizes = {0: 0.02**2, 1: 0.02**2}
+    noise = NoiseModel(of_lengths={(0.0, 0.35): (sizes,) * 3}, correlations={(0.0, 0.35): 1.0})
+    known = ResidualErrors(noise=noise, scale=KNOWN_SCALE)
+    linear = LinearProblem(
+        point=np.full(1, 0.5),
+        residuals=1e-3 * rng.normal(size=rows.spot.size),
+        jacobian=rows.envelope[:, None],
+        rows=rows,
+        known={"gain": 1e-3 * rows.envelope[:, None]},
+        channels=("force", "torque"),
+        groups=np.eye(rows.spot.size),
+        expected={0: 0.001, 1: 0.001},
+    )
+    found = errors_without(linear, rows.spot < n_kept, known).noise.discrepancy
+    assert (found == noise.discrepancy) == is_known
+    assert max(found.values()) < 0.01 or is_known
 
 
 @pytest.mark.parametrize("n", [40, 64, 200, 640])

@@ -272,10 +272,13 @@ def errors_of(linear: LinearProblem, first: ResidualErrors | None = None) -> Res
 def errors_without(linear: LinearProblem, kept: BoolArray, known: ResidualErrors) -> ResidualErrors:
     """Sizes of the errors by the residuals that are kept of a problem whose errors are ``known``.
 
-    They come from all residuals where a channel is left out altogether, or too few are kept to tell.
+    They come from all residuals where a channel is left out altogether, or too few are kept to tell, and
+    where all kept ones of several sites are of one: its parameters absorb most of the misfit of a wrong law.
     """
     rest, errors = linear.only(kept), known
-    if set(rest.rows.channels) == set(linear.rows.channels) and rest.residuals.size > rest.point.size:
+    is_one = sites_of(rest.rows).size == 1 < sites_of(linear.rows).size
+    has_all = set(rest.rows.channels) == set(linear.rows.channels)
+    if has_all and not is_one and rest.residuals.size > rest.point.size:
         by = rest if known.between is None else rest.by_spot
         errors = _sizes(by, by.free, tuple(known.noise.correlations), known.noise.common)
     return replace(errors, between=_between(rest, errors) if known.between and rest.has_shared else None)
