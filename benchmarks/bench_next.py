@@ -18,6 +18,7 @@ from collections import Counter
 from concurrent.futures import ProcessPoolExecutor
 from dataclasses import replace
 from itertools import pairwise, repeat
+from pathlib import Path
 
 import bench_coverage as strips
 import numpy as np
@@ -27,8 +28,7 @@ from palpate import Curve, Job, Response, Simulation
 from palpate.api.fit import path_of
 from palpate.domain import Design, Indentation, Spot
 from palpate.domain.indenter import Sphere
-from palpate.fit.stage import Case, FitStage
-from palpate.run.result import ALL_SPOTS
+from palpate.fit.stage import FitStage
 from palpate.study.reading import StudySpot
 from palpate.study.tool import Tool
 from palpate_certainty.assessment import Assessment
@@ -177,8 +177,8 @@ class World:
         return strips.Here(self.study.solver, {})
 
     def spot(self, name: str, protocol: Indentation) -> StudySpot:
-        """A press as a spot of a study."""
-        return StudySpot(spot=Spot(name=name), measured={}, mesh=None, protocol=protocol)
+        """A press as a spot of a study; a mesh that no solver reads says at which place."""
+        return StudySpot(spot=Spot(name=name), measured={}, mesh=Path(name[:2]), protocol=protocol)
 
     def fitted(self, presses: dict[str, tuple[Indentation, Response]]) -> PlanningStage:
         """Fit presses by name, and what can be planned from there."""
@@ -186,7 +186,7 @@ class World:
         study = replace(self.study, spots=spots)
         measured = {name: response for name, (_, response) in presses.items()}
         parameters = study.space.parameters
-        stage = JointFit(
+        stage = FitStage(
             study=study,
             design=Design(parameters=parameters, values=np.zeros((0, len(self.row))), seed=1, n_drawn=0),
             measured=measured,
@@ -194,14 +194,14 @@ class World:
             simulations=self.simulations(),
             abscissae={"force": "depth_mm", "torque": "rotation_deg"},
         )
-        (case,) = stage.run()
+        case, *others = stage.run()
         certainty = Assessment(study=study, measured=measured)
         columns, failures = certainty.columns(case)
-        others = [self.spot(name, study.protocol) for name in THICKNESS if name not in presses]
+        unpressed = [self.spot(name, study.protocol) for name in THICKNESS if name not in presses]
         return PlanningStage(
-            study=replace(study, spots=(*spots, *others)),
+            study=replace(study, spots=(*spots, *unpressed)),
             measured=measured,
-            assessed=certainty.assess(case, columns, failures),
+            assessed=certainty.assess(case, columns, failures, cases=others),
             columns=columns,
             meshes={},
         )
@@ -212,16 +212,6 @@ class World:
         thetas = self.study.space.thetas(row)
         job = Job(spot="tool", set_id=0, materials=materials, thetas=thetas, protocol=TOOL.protocol)
         return float(self.study.solver.simulate(job, None).response.curves["force"].ordinate[-1])
-
-
-class JointFit(FitStage):
-    """The joint fit alone."""
-
-    def run(self) -> list[Case]:
-        (scenario,) = self.study.scenarios
-        case = Case(ALL_SPOTS, self.study.spot_names, scenario)
-        self._search([case], {id(case): []})
-        return [case]
 
 
 def widths_of(world: World, stage: PlanningStage) -> tuple[np.ndarray, np.ndarray]:
