@@ -39,9 +39,25 @@ def test_a_discrepancy_that_is_called_visible_is_seen_in_nine_of_ten(times, leas
         return shape_of(*problem(fitted(errors, jacobian), rows, jacobian, noise))
 
     visible = shape(np.zeros(rows.spot.size))[1]
-    more = sum(visible[c] ** 2 * rows.discrepancy(c, 0.35, 1.0) for c in rows.channels)
+    more = sum(visible[c] ** 2 * rows.discrepancy(c, 0.35) for c in rows.channels)
     seen = [shape(drawn(rng, usual + times * more))[0] < THRESHOLDS.unusual for _ in range(40)]
     assert least <= sum(seen) <= most
+
+
+@pytest.mark.parametrize("other", [1.0, -1.0])
+def test_a_law_that_misses_two_spots_in_opposite_ways_is_seen_too(other):
+    """One set of values is too stiff where strains are small, and too soft where they are large."""
+    rows, jacobian = press(n_spots=2, n=12)
+    rng, usual = np.random.default_rng(8), errors_of(rows, 0.003, 0.005)
+    variances = [dict.fromkeys(EXPECTED, size**2) for size in (0.003, 0.005, 0.005)]
+    noise = NoiseModel(of_lengths={(0.0, 0.35): tuple(variances)}, correlations={(0.0, 0.35): 1.0})
+    law = 0.03 * np.where(rows.spot == 0, 1.0, other) * rows.envelope * np.sin(6.0 * rows.path)
+    seen = [
+        shape_of(*problem(fitted(drawn(rng, usual) + law, jacobian), rows, jacobian, noise))[0]
+        < THRESHOLDS.unusual
+        for _ in range(20)
+    ]
+    assert sum(seen) >= 18
 
 
 @pytest.mark.parametrize("n_free", [0, 1, 2, 3])

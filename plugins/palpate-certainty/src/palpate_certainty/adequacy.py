@@ -141,23 +141,21 @@ def shape_of(linear: LinearProblem, errors: ResidualErrors) -> tuple[float, dict
 
     Second is, by the number of each channel, the discrepancy of a law (standard deviation over the peak) that
     the test sees in nine of ten cases; none where the parameters explain nearly every curve.
-    The statistic has most power for small additions: a discrepancy along the path that is alike at all spots,
-    as another law has it, and larger stated errors (Lin, Biometrika 84, 1997). It is a sum of squares with
-    weights, taken for χ² of its mean and variance (Satterthwaite).
+    The statistic has most power for small additions: a discrepancy along the path, in part common to all
+    spots, and larger stated errors (Lin, Biometrika 84, 1997). Another law is not alike at all spots: one set
+    of values is too stiff where strains are small, and too soft where they are large. The statistic is a sum
+    of squares with weights, taken for χ² of its mean and variance (Satterthwaite).
     """
     rows, free, known = linear.rows, linear.free, linear.stated
     if not free.size:
         return 1.0, {}
     noise, _ = errors.noise.covariances(rows)
     length, size = ASSUMED.law_length, linear.expected
-    of_spots, alike = (
-        np.sum([size[i] ** 2 * rows.discrepancy(i, length, common) for i in rows.channels], axis=0)
-        for common in (ASSUMED.common, 1.0)
-    )
-    usual = free.T @ (known @ known.T + noise + of_spots) @ free
+    law = np.sum([size[i] ** 2 * rows.discrepancy(i, length) for i in rows.channels], axis=0)
+    usual = free.T @ (known @ known.T + noise + law) @ free
     root = np.linalg.cholesky(usual + 1e-12 * np.trace(usual) / len(usual) * np.eye(len(usual)))
     through = scipy.linalg.solve_triangular(root, free.T, lower=True)
-    of_law = through @ alike @ through.T
+    of_law = through @ law @ through.T
     tested = of_law + ASSUMED.larger * (through @ known) @ (through @ known).T
     white, both = through @ linear.residuals, tested @ of_law
 

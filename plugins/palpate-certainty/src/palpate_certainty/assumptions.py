@@ -52,8 +52,8 @@ class Assumptions:
         more than its stated errors; such a model is fitted by Fopt's weights. Evidence: the second presses in
         ``benchmarks/evidence.md#other-laws-and-spots``.
     law_length, larger : float
-        Correlation length of a discrepancy, alike at all spots, that a test of the residuals looks for, and
-        the weight that it gives larger stated errors. Chosen on even seeds of the same worlds.
+        Correlation length of a discrepancy that a test of the residuals looks for, and the weight that it
+        gives larger stated errors. Chosen on even seeds of the same worlds.
     scale_freedom : float
         Degrees of freedom of the inverse-gamma prior on the scale of all stated errors, which is 1. Tested
         by the regions at twice the errors.
