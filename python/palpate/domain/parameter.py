@@ -9,6 +9,7 @@ from typing import Literal, Self
 import numpy as np
 
 from palpate.errors import ParameterError
+from palpate.units import convert
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -71,9 +72,10 @@ class Parameter:
 
     ``lower`` and ``upper`` are the default range of a sweep (region of interest);
     ``physical_lower`` and ``physical_upper`` are the limits of physical meaning.
-    ``kind`` is ``modulus`` if it scales with stiffness and ``shape`` if it is
-    dimensionless. A sweep spreads the value evenly, or its logarithm (``scale``). ``prior`` is what
-    a fit knows of it before; ``by`` names what a fit of several spots finds one value for each of.
+    ``kind`` is ``modulus`` if it scales with stiffness, in a unit of pressure such as ``MPa``, and
+    ``shape`` otherwise: a number without unit (``1``), or a time constant (``s``). A sweep spreads the
+    value evenly, or its logarithm (``scale``). ``prior`` is what a fit knows of it before; ``by`` names
+    what a fit of several spots finds one value for each of.
     """
 
     name: str
@@ -89,6 +91,7 @@ class Parameter:
     by: Literal["spot", "state"] | None = None
 
     def __post_init__(self) -> None:
+        self._check_unit()
         if not self.lower < self.upper:
             raise ParameterError(
                 f"parameter '{self.name}': lower {self.lower} must be less than upper {self.upper} "
@@ -102,6 +105,20 @@ class Parameter:
             self.check(bound)
         if self.prior is not None:
             self._check_prior(self.prior)
+
+    def _check_unit(self) -> None:
+        if self.kind not in (kinds := ("modulus", "shape")):
+            raise ParameterError(
+                f"parameter '{self.name}': unknown kind {self.kind!r}; choose one of: {', '.join(kinds)}"
+            )
+        if self.kind == "modulus":
+            try:
+                convert(f"1 {self.unit}", "MPa")
+            except ValueError:
+                raise ParameterError(
+                    f"parameter '{self.name}': a modulus in unit '{self.unit}', no unit of pressure; "
+                    'use unit="MPa", or kind="shape" for another quantity'
+                ) from None
 
     def _check_prior(self, prior: Prior) -> None:
         outside = max(self.lower - prior.value, prior.value - self.upper) / prior.sd

@@ -90,7 +90,8 @@ def palpate_materials() -> "Iterable[type[Material]]":  # type: ignore[empty-bod
 
     A study gives each region one, with each parameter fixed or searched. An isotropic material is an
     energy of the principal stretches, an anisotropic one an energy of the deformation gradient.
-    Stress, tangent and stability follow. ``palpate.api.Material`` is the type of both.
+    Stress, tangent and stability follow. ``palpate.api.Material`` is the type of both. The ``kind`` of a
+    ``Parameter`` is ``modulus``, in a unit of pressure, or ``shape``, without unit or a time constant in s.
     """
 
 

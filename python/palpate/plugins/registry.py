@@ -424,6 +424,7 @@ def _check_component(component: "type[Component]", hook: str) -> None:
         raise PluginError(f"{hook}: class {component.__name__} does not define {missing}")
     _check_text(component, "name", hook)
     _check_text(component, "summary", hook)
+    _check_name(component.name, f"{hook}: name {component.name!r} of class {component.__name__}")
     if issubclass(component, Material):
         _check_parameters(component, hook)
     if issubclass(component, Section):
@@ -441,12 +442,26 @@ def _check_parameters(material: "type[Material]", hook: str) -> None:
 
     if any(field.is_required() for field in material.Settings.model_fields.values()):
         return  # they follow from settings that only a study gives
-    match getattr(material(), "parameters", None):
-        case [*found] if all(isinstance(each, Parameter) for each in found):
-            return
-    raise PluginError(
-        f"{hook}: material '{material.name}' has no parameters; give it a tuple of palpate.Parameter"
-    )
+    given = getattr(material(), "parameters", None)
+    found, name = list(given) if isinstance(given, Iterable) else [], material.name
+    if not found:
+        raise PluginError(
+            f"{hook}: material '{name}' has no parameters; give it a tuple of palpate.Parameter"
+        )
+    for number, each in enumerate(found, 1):
+        if not isinstance(each, Parameter):
+            raise PluginError(
+                f"{hook}: entry {number} of the parameters of material '{name}' is {each!r}; "
+                "give a palpate.Parameter there"
+            )
+        _check_name(each.name, f"{hook}: parameter name {each.name!r} of material '{name}'")
+        if each.name in [other.name for other in found[: number - 1]]:
+            raise PluginError(f"{hook}: material '{name}' has two parameters '{each.name}'; rename one")
+
+
+def _check_name(name: str, what: str) -> None:
+    if not name.isidentifier():
+        raise PluginError(f"{what} is no identifier; use letters, digits and _, such as my_name")
 
 
 def _check_text(item: object, attribute: str, hook: str) -> None:

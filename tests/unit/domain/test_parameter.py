@@ -16,7 +16,7 @@ ENDS = st.lists(st.floats(-100.0, 100.0).map(lambda x: round(x, 3)), min_size=2,
 def test_a_wider_range_goes_on_beyond_one_end_as_far_as_physics_lets_it(ends, below, kind, limit):
     lower, upper = sorted(ends)
     limits = {"physical_lower": lower - limit, "physical_upper": upper + limit}
-    parameter = Parameter(name="p", unit="", lower=lower, upper=upper, kind=kind, description="", **limits)
+    parameter = Parameter(name="p", unit="MPa", lower=lower, upper=upper, kind=kind, description="", **limits)
     wider = parameter.wider(below=below)
     if below:
         assert wider.upper == upper
