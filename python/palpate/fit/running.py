@@ -27,6 +27,8 @@ class Fit:
     ----------
     start : (n_parameters,) array
         Point of the box where the search starts.
+    is_rough : bool
+        Whether another search goes on from its end, so that its last steps are not worth their simulations.
 
     Attributes
     ----------
@@ -42,6 +44,7 @@ class Fit:
 
     problem: Problem
     start: FloatArray
+    is_rough: bool = False
     best: Evaluation | None = None
     trace: list[Evaluation] = field(default_factory=list)
     n_asked: list[int] = field(default_factory=list)
@@ -174,12 +177,14 @@ def _asking(search: Search, space: SearchSpace) -> Asking:
 
 def _space(fit: Fit, seed: int) -> SearchSpace:
     solver = fit.problem.study.solver
+    # Curves whose mesh is not corrected yet, or of one of several spots, are wrong by far more than this.
+    roughness = 10.0 if fit.is_rough else 1.0
     return SearchSpace(
         parameters=fit.problem.parameters,
         log=tuple(bool(each) for each in fit.problem.box.log),
         start=fit.start,
         exact_slopes=solver.provides.slopes,
-        accuracy=solver.provides.accuracy,
+        accuracy=roughness * solver.provides.accuracy,
         seed=seed,
         accepts=fit.problem.accepts,
     )

@@ -1,10 +1,11 @@
 """The fit of a study: jointly over its spots and at each of them, in every scenario.
 
 The joint fit of the scenario that generalises comes first, from the answer of an earlier run if there is
-one, and from the basins of the sweep. Where spots have a finer mesh, its answers correct the curves of the
-coarse one until what these may be wrong by moves no parameter by much of its standard deviation. The other
-scenarios start where the first has ended, with its corrections, and each spot where the joint fit of its
-scenario has. A range at whose end the first ends is widened up to physical limits, for as long as that gains.
+one, and from the basins of the sweep; without either, from where a search of one spot ends. Where spots
+have a finer mesh, its answers correct the curves of the coarse one until what these may be wrong by moves
+no parameter by much of its standard deviation. The other scenarios start where the first has ended, with
+its corrections, and each spot where the joint fit of its scenario has. A range at whose end the first ends
+is widened up to physical limits, for as long as that gains.
 """
 
 from collections import Counter
@@ -126,7 +127,8 @@ class FitStage:
         self.progress.begin("fit", 0)
         self._n_known = len(self.simulations.known)
         first = Case(label, self._weighed_spots(main), main)
-        self._search([first], {id(first): self._starts(first)})
+        starts = self._starts(first) or self._by_one_spot(first)
+        self._search([first], {id(first): starts}, are_rough=any(map(self._has_finer, first.spots)))
         self.on_first(first)
         self._correct([first])  # an error of the mesh may lead to an end of a range
         if remark := self._widen(first):
@@ -200,7 +202,29 @@ class FitStage:
             if (new := self._wider.get(old.name))
         )
 
-    def _search(self, cases: Sequence[Case], starts: Mapping[int, Sequence[Mapping[str, float]]]) -> None:
+    def _by_one_spot(self, case: Case) -> list[Mapping[str, float]]:
+        """Start of a joint fit where a search of one spot ends; none where spots or simulations are few.
+
+        Far from the answer every spot asks for about the same steps, and one spot takes them for less.
+        """
+        is_costly = self.study.solver.provides.mesh and self.study.search.local
+        if len(case.spots) < 2 or self.study.space.states or not is_costly:
+            return []
+        most = max(case.spots, key=lambda spot: len(self.measured[spot].curves))
+        one = Case(most, (most,), case.scenario)
+        try:
+            self._search([one], {id(one): []}, are_rough=True)
+        finally:
+            self._cases = [case for case in self._cases if case is not one]  # it is no result
+        return [one.values()] if one.end is not None else []
+
+    def _search(
+        self,
+        cases: Sequence[Case],
+        starts: Mapping[int, Sequence[Mapping[str, float]]],
+        *,
+        are_rough: bool = False,
+    ) -> None:
         """Search from each start, without the finer meshes' answers unless they are known already."""
         fits = []
         for case in cases:
@@ -209,7 +233,7 @@ class FitStage:
             for start in starts[id(case)] or [{}]:
                 # What the earlier run has simulated there is not simulated again.
                 point = problem.point_of(start, exact=start is self.first_start)
-                case.fits.append(Fit(problem, point if start else scaled_start(problem, point)))
+                case.fits.append(Fit(problem, point if start else scaled_start(problem, point), are_rough))
             fits += case.fits
         run_searches(self.study.search, fits, self.simulations.of, self.study.seed, self._stepped)
 
@@ -291,12 +315,13 @@ class FitStage:
         return bool(wanted)
 
     def _restate(self, case: Case) -> bool:
-        """State a case with the corrections nearest to its end; whether they are others than it had."""
+        """State a case with the corrections nearest to its end; whether there is more to search."""
         end = case.end
         nearest = {each.spot: each.corrections for each in self._ends(case)}
         if end is None or end.best is None:
             return False
-        if all(_same(nearest[term.spot], term.corrections) for term in end.problem.terms):
+        is_known = all(_same(nearest[term.spot], term.corrections) for term in end.problem.terms)
+        if is_known and not case.fits[-1].is_rough:
             return False
         case.fits.append(Fit(self.problem(case, nearest), end.best.point))
         return True

@@ -199,7 +199,7 @@ def test_a_fine_simulation_that_fails_leaves_the_coarse_fit_with_a_warning(fit, 
             return super().simulate(job, limb)
 
     stage, (case,) = fit(solver=Coarse(pressed.PressedSettings(stiffer=0.05)))
-    assert case.values() == case.coarse
+    assert case.values() == pytest.approx(case.coarse, rel=0.01)
     assert not case.is_settled
     assert stage.simulations.n_fine == 1
     assert stage.progress.texts == ["warning: no correction by the finer mesh: p1: diverged: no equilibrium"]

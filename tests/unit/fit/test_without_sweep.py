@@ -1,6 +1,8 @@
 """``n_sets = 0``: a fit from the ranges alone, with every stage and command."""
 
 import shutil
+from collections import Counter
+from dataclasses import replace
 from importlib.resources import files
 from pathlib import Path
 
@@ -34,6 +36,28 @@ def test_a_scenario_is_not_fitted_where_it_weighs_nothing(pressed, stage_of):
     whole = pressed.measured_at(study, next(pressed.truths(study, 1, seed=3)))
     pressed_only = Response(curves={"force": whole["force"]})
     assert len(stage_of(study, {"p1": whole, "p2": pressed_only}).run()) == 5
+
+
+class OnMesh:
+    """A solver whose simulations are costly: it has a mesh."""
+
+    @property
+    def provides(self):
+        return replace(super().provides, body="mesh")
+
+
+@pytest.mark.parametrize(("is_on_mesh", "most"), [(True, 0.5), (False, 1.0)])
+def test_one_spot_leads_a_joint_fit_to_near_the_answer(pressed, stage_of, is_on_mesh, most):
+    """Every other spot is simulated for the last steps alone, where simulations are costly."""
+    solver = type("Costly", (OnMesh, pressed.Pressed), {}) if is_on_mesh else pressed.Pressed
+    study = pressed.study_of(Yeoh(), ("c1", "c2", "c3"), solver=solver(), spots=("p1", "p2", "p3"))
+    truth = next(pressed.truths(study, 1, seed=3))
+    stage = stage_of(study, pressed.measured_at(study, truth))
+    joint, *_ = stage.run()
+    n = Counter(spot for spot, *_ in stage.simulations.known)
+    assert list(joint.values().values()) == pytest.approx(truth, rel=1e-3)
+    assert n["p2"] == n["p3"] <= most * n["p1"]
+    assert sorted(case.label for case in stage._cases) == ["all spots", "p1", "p2", "p3"]
 
 
 @pytest.mark.parametrize(
