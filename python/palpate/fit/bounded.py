@@ -1,6 +1,6 @@
 """Least squares within a box: of linear residuals, of others, and slopes by differences that stay in it."""
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 
 import numpy as np
 import scipy
@@ -41,6 +41,15 @@ def slopes_at(residuals: Residuals, points: FloatArray, here: FloatArray, free: 
         moved[:, i] += step
         slopes.append((residuals(moved) - here) / step[:, None])
     return np.stack(slopes, axis=-1) if slopes else np.empty((*here.shape, 0))
+
+
+def slope_of(here: FloatArray, points: Sequence[tuple[float, FloatArray]]) -> FloatArray:
+    """Derivative from two steps: central, or one-sided of second order; of first order from one step."""
+    (a, at_a), (b, at_b) = points[0], points[-1]
+    if len(points) == 1:
+        return (at_a - here) / a
+    slope: FloatArray = (a / b * (at_b - here) - b / a * (at_a - here)) / (a - b)
+    return slope
 
 
 def least_near(

@@ -13,6 +13,7 @@ from numpy.typing import ArrayLike
 
 from palpate.domain import BoolArray, FloatArray, Job, Parameter, ParameterName, Simulation, channel_of
 from palpate.errors import PalpateError, ParameterError
+from palpate.fit.bounded import slope_of
 from palpate.fit.box import Box
 from palpate.fit.spot_term import NotRankedError, SpotTerm, along_slopes, is_along_slopes, is_same_job
 from palpate.plugins.guard import answering_for
@@ -371,11 +372,18 @@ class Problem:
     def _shifts(
         self, term: SpotTerm, base: SpotInputs, point: FloatArray, i: int, jobs: list[Job], *, exact: bool
     ) -> list[_Shift]:
-        """Two steps along a coordinate: to both sides, or both inwards from a bound."""
+        """Two steps along a coordinate: to both sides, or both inwards from a bound; one to another mesh.
+
+        Curves are nearly linear in small changes of a limb, and each change costs a simulation.
+        """
         probe = self._inputs(term, _moved(point, i, SMALL_STEP if point[i] < 0.5 else -SMALL_STEP))
         is_free = (exact and is_along_slopes(base, probe)) or is_same_job(base, probe)
         size = SMALL_STEP if is_free else self.study.solver.provides.accuracy ** (1.0 / 3.0)
-        if size <= point[i] <= 1.0 - size:
+        steps: tuple[float, ...]
+        if probe.mesh != base.mesh:
+            # Half a step, since the error by curvature is in proportion to it.
+            steps = (0.5 * size if point[i] <= 0.5 else -0.5 * size,)
+        elif size <= point[i] <= 1.0 - size:
             steps = (-size, size)
         else:
             steps = (size, 2.0 * size) if point[i] < 0.5 else (-size, -2.0 * size)
@@ -466,7 +474,7 @@ class Problem:
                         else shifted[shift.job]
                     )
                     points.append((shift.step, self._part(term, known, shift.inputs)))
-                columns[spot, i] = _slope(parts[spot], points)
+                columns[spot, i] = slope_of(parts[spot], points)
             except NotRankedError as error:
                 lacking[spot, i] = str(error)
         return columns, lacking
@@ -489,10 +497,3 @@ def _moved(point: FloatArray, i: int, step: float) -> FloatArray:
     moved = point.copy()
     moved[i] += step
     return moved
-
-
-def _slope(here: FloatArray, points: Sequence[tuple[float, FloatArray]]) -> FloatArray:
-    """Derivative from two steps: central, or one-sided of second order."""
-    (a, at_a), (b, at_b) = points
-    slope: FloatArray = (a / b * (at_b - here) - b / a * (at_a - here)) / (a - b)
-    return slope

@@ -280,13 +280,13 @@ def _changed(space: ParameterSpace, inputs: SpotInputs, cause: ErrorSource, by: 
 
 
 def n_differences(causes: Iterable[ErrorSource], study: Study) -> int:
-    """Most simulations of a spot for the derivatives of causes: two for each without a slope."""
+    """Most simulations of a spot for derivatives of causes: two for each without a slope, one of a limb."""
     by_slope, provides = {"gain"}, study.solver.provides
     by_slope |= {"friction", "fixed", CONTACT} if provides.slopes else set()
     protocol = study.protocol
     if provides.depth_slope and isinstance(protocol, Indentation) and protocol.only_depth_mm:
         by_slope |= {"onset"}
-    return 2 * sum(cause.kind not in by_slope for cause in causes)
+    return sum(1 if cause.kind in OF_LIMB else 2 for cause in causes if cause.kind not in by_slope)
 
 
 def columns_of(
