@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Protocol, runtime_checkable
 import numpy as np
 import polars as pl
 
+from palpate.answer.words import NOT
 from palpate.domain import FloatArray, RegionMaterial
 from palpate.domain.material import IsotropicMaterial
 from palpate.errors import MaterialError, PluginError, StudyError
@@ -116,12 +117,13 @@ class SavedRun:
     @property
     def intervals(self) -> pl.DataFrame:
         """A row for each fit, scenario and parameter with its 95 % interval and the word for it; or none."""
-        return self._found.intervals
+        return self._found.intervals.with_columns(pl.col("identifiability").replace("not", NOT))
 
     @property
     def answer(self) -> pl.DataFrame:
         """A row for each value that is reported, with its ends, verdict, marks and reason."""
-        return self.run.answer().filter("reported")
+        reported = self.run.answer().filter("reported")
+        return reported.with_columns(pl.col("identifiability").replace("not", NOT))
 
     @property
     def scores(self) -> pl.DataFrame:
@@ -136,10 +138,9 @@ class SavedRun:
         channel, point, abscissa and ordinate, in the units of the channel. Fits to one spot alone are left
         out where there is a joint one.
         """
-        frames = [
-            frame_of(response).with_columns(spot=pl.lit(spot), source=pl.lit("measured"))
-            for spot, response in self.run.measured.items()
-        ]
+        labels = {"source": pl.lit("measured"), "scenario": pl.lit(None, pl.String)}
+        measured = self.run.measured.items()
+        frames = [frame_of(each).with_columns(spot=pl.lit(spot), **labels) for spot, each in measured]
         fitted = self._found.curves
         joint = {scenario: fit for fit, scenario, spot in fitted if fit != spot}
         for (fit, scenario, spot), response in fitted.items():
@@ -147,10 +148,7 @@ class SavedRun:
                 labels = {"spot": pl.lit(spot), "source": pl.lit("fitted"), "scenario": pl.lit(scenario)}
                 frames.append(frame_of(response).with_columns(**labels))
         order = ["spot", "source", "scenario", "channel", "point", "abscissa", "ordinate"]
-        found = pl.concat(frames, how="diagonal")
-        if "scenario" not in found.columns:
-            found = found.with_columns(scenario=pl.lit(None, pl.String))
-        return found.select(order)
+        return pl.concat(frames, how="diagonal").select(order)
 
     def material(self, region: str | None = None, *, spot: str | None = None) -> FittedMaterial:
         """Material of a region with the values of :attr:`headline`.

@@ -32,6 +32,14 @@ def test_a_moved_run_has_its_tables_without_the_files_of_its_study(saved):
     assert saved.scores["set_id"].n_unique() == 12
 
 
+def test_a_value_has_the_word_of_the_report(saved):
+    named = pl.lit("not").alias("identifiability")
+    found = saved.run.fit()
+    seen = replace(saved, run=saved.run)
+    vars(seen)["_found"] = replace(found, intervals=found.intervals.with_columns(named))
+    assert set(seen.intervals["identifiability"]) == {"not identified"}
+
+
 def test_what_a_notebook_shows_of_it_is_a_line(saved):
     shown = [saved, saved.material()]
     assert all("\n" not in repr(each) and len(repr(each)) < 250 for each in shown)
