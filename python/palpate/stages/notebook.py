@@ -129,7 +129,8 @@ def score(study: Study, simulated: pl.DataFrame, measured: pl.DataFrame) -> pl.D
     Returns
     -------
     DataFrame
-        As :func:`palpate.scoring.scores.score` returns it.
+        A row for each spot, set and channel, or weighted phase such as ``torque/unload``: spot, set_id,
+        channel, nmse (null where a set is not ranked), r2, coverage (0 to 1), status, message.
 
     Raises
     ------
@@ -150,7 +151,8 @@ def select(study: Study, scores: pl.DataFrame, design: pl.DataFrame) -> pl.DataF
     Returns
     -------
     DataFrame
-        As :func:`palpate.scoring.selection.select` returns it.
+        A row for each spot and scenario: spot, scenario, set_id, fopt, nmse_<channel> and r2_<channel>
+        of every channel, <region.parameter>; and partial where partial curves were ranked.
 
     Raises
     ------
@@ -164,8 +166,8 @@ def select(study: Study, scores: pl.DataFrame, design: pl.DataFrame) -> pl.DataF
 def generalise(study: Study, scores: pl.DataFrame, design: pl.DataFrame) -> pl.DataFrame:
     """Find the set with the least mean Fopt over all spots, in the study's scenario for that.
 
-    Arguments as for :func:`select`; the frame is as :func:`palpate.scoring.generalisation.generalise`
-    returns it; empty unless a set has scores at every spot of the study.
+    Arguments as for :func:`select`. A row for each spot with the columns of :func:`select`, fopt_mean and
+    fopt_sd (null with one spot); none unless a set has scores at every spot of the study.
     """
     drawn, rows = _design(study, design), _by_row(scores, design)
     return _by_id(generalise_design(rows, study.generalising, drawn, study.spot_names), design)
