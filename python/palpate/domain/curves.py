@@ -174,9 +174,9 @@ class Curve:
                 self._check_more(name, values)
 
     def __repr__(self) -> str:
-        x, y = self.abscissa, self.ordinate
+        x, y, n = self.abscissa, self.ordinate, len(self.branches)
         return (
-            f"Curve({self.channel!r}: {x.size} points, {len(self.branches)} branches, "
+            f"Curve({self.channel!r}: {x.size} points, {n} branch{'' if n == 1 else 'es'}, "
             f"{x.min():.4g} … {x.max():.4g}; {y.min():.4g} … {y.max():.4g})"
         )
 

@@ -145,8 +145,8 @@ class Study:
     def __repr__(self) -> str:
         searched = ", ".join(p.name for p in self.space.parameters)
         return (
-            f"Study({self.name!r}: {self.n_sets} sets of {searched} at {len(self.spots)} spots, "
-            f"solver {self.solver.name})"
+            f"Study({self.name!r}: {self.n_total or self.n_sets} sets of {searched} at {len(self.spots)} "
+            f"spot{'' if len(self.spots) == 1 else 's'}, solver {self.solver.name})"
         )
 
     def models_relaxation(self, scenario: Scenario) -> bool:

@@ -1,5 +1,7 @@
 """The stages on frames: what they refuse, and how what failed is shown."""
 
+from dataclasses import replace
+
 import numpy as np
 import polars as pl
 import pytest
@@ -102,8 +104,14 @@ def test_values_show_themselves(make_study, plugins):
     assert repr(study) == (
         "Study('sponge': 12 sets of soft_tissue.stiffness, soft_tissue.grip at 2 spots, solver analytic)"
     )
+    more = replace(study, n_total=40, spots=study.spots[:1])
+    assert repr(more).startswith(
+        "Study('sponge': 40 sets of soft_tissue.stiffness, soft_tissue.grip at 1 spot,"
+    )
     assert repr(study.solver) == "Analytic(offset=0.0 log='')"
     curve = Curve(channel="<torque>", abscissa=[0.0, -1.0, 1.0], ordinate=[0.0, -2.0, 2.0])
     assert repr(curve) == "Curve('<torque>': 3 points, 2 branches, -1 … 1; -2 … 2)"
+    press = Curve(channel="force", abscissa=[0.0, 1.0], ordinate=[0.0, 2.0])
+    assert repr(press) == "Curve('force': 2 points, 1 branch, 0 … 1; 0 … 2)"
     design = Design(parameters=study.space.parameters, values=np.ones((3, 2)), seed=1, n_drawn=4)
     assert repr(design) == "Design(3 sets of soft_tissue.stiffness, soft_tissue.grip, seed 1)"
