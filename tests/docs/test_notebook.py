@@ -8,6 +8,8 @@ from typing import Any
 import polars as pl
 import pytest
 
+import palpate
+
 FILE = Path(__file__).parents[2] / "examples" / "notebook.ipynb"
 
 
@@ -43,7 +45,7 @@ def shown(tmp_path_factory: pytest.TempPathFactory) -> tuple[dict[str, Any], lis
 @pytest.mark.slow
 def test_every_cell_shows_itself(shown: tuple[dict[str, Any], list[Any]]) -> None:
     _, found = shown
-    assert len(found) == 11
+    assert len(found) == 12
     for value in found:
         assert "object at 0x" not in repr(value)
 
@@ -51,12 +53,36 @@ def test_every_cell_shows_itself(shown: tuple[dict[str, Any], list[Any]]) -> Non
 @pytest.mark.slow
 def test_the_fit_has_intervals_and_a_picture_of_its_curves(shown: tuple[dict[str, Any], list[Any]]) -> None:
     values, found = shown
-    intervals, picture, stress = found[-3:]
+    intervals, _, picture, stress = found[-4:]
     assert intervals["parameter"].to_list() == ["specimen.c1", "specimen.c2", "specimen.c3"]
+    assert intervals["identifiability"].to_list() == ["poorly", "not identified", "not identified"]
     assert (intervals["lower"] < intervals["value"]).all()
     assert len(picture.axes) >= 3
     assert stress.shape == (3,)
     assert (values["folder"] / "report" / "index.html").is_file()
+
+
+@pytest.mark.slow
+def test_a_fit_to_one_test_misses_the_others_by_the_factors_of_the_text(
+    shown: tuple[dict[str, Any], list[Any]],
+) -> None:
+    _, found = shown
+    tensile = found[-3].row(by_predicate=pl.col("scenario") == "uniaxial only", named=True)
+    assert tensile["nmse_uniaxial"] == pytest.approx(0.6, abs=0.05)
+    assert tensile["nmse_equibiaxial"] == pytest.approx(2.0, abs=0.2)
+    assert tensile["nmse_pure_shear"] == pytest.approx(9.0, abs=0.5)
+
+
+@pytest.mark.slow
+def test_three_scenarios_choose_one_of_the_250_sets() -> None:
+    plugins = palpate.Plugins.load()
+    study = palpate.read_study(plugins.studies["treloar"].directory, plugins)
+    design, measured = palpate.sample(study), palpate.measure(study, plugins)
+    stiff = design.filter(pl.col("specimen.c1") > 0.12)
+    scores = palpate.score(study, palpate.simulate(study, stiff, measured), measured)
+    chosen = palpate.select(study, scores, stiff)
+    of = dict(chosen.select("scenario", "set_id").iter_rows())
+    assert of["joint"] == of["uniaxial only"] == of["pure shear only"] != of["equibiaxial only"]
 
 
 @pytest.mark.slow
