@@ -363,6 +363,11 @@ def initial_moduli(material: Material, theta: FloatArray) -> tuple[float, float]
         energy, largest, mu, kappa = map(float, _rest(material, jnp.asarray(theta, dtype=jnp.float64)))
     except jax.errors.TracerArrayConversionError:
         raise MaterialError(f"material '{material.name}': {NUMPY_IN_ENERGY}") from None
+    if np.isnan(energy):
+        raise MaterialError(
+            f"{where}: the energy is NaN at unit stretches, where it must be 0; change the parameters, or "
+            "correct the energy"
+        )
     # A modulus that is missing altogether shows up as rounding of the other.
     least = REST_TOLERANCE * (mu + kappa)
     if not (mu > least and kappa > least):
