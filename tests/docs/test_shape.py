@@ -18,8 +18,8 @@ ROOT = Path(__file__).parents[2]
 LONGEST_FILE = 500
 LONGEST_FUNCTION = 45
 MOST = {
-    "lines": 78_151,
-    "lines of the core": 33_527,
+    "lines": 78_184,
+    "lines of the core": 33_560,
     "classes": 654,
     "constants": 691,
     "long files": 0,

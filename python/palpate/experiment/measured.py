@@ -20,7 +20,7 @@ from palpate.domain import (
     weighed_phases,
 )
 from palpate.domain.equilibrium_states import POSE, TIME
-from palpate.errors import CurveError, PalpateError, StudyError
+from palpate.errors import CurveError, PalpateError, PluginError, StudyError
 from palpate.experiment.curve_checks import LARGEST_BIAS, check_curve, check_gaps, check_sizes
 from palpate.experiment.repeats import average, described
 from palpate.experiment.stress_checks import check_modes, check_stress
@@ -224,6 +224,8 @@ def _check_response(
             found += check_curve(curve, channels[name])
         if isinstance(protocol, Indentation):
             found += check_sizes(response, channels, protocol, study.space)
+    except PluginError:
+        raise  # a material that fails is no fault of the file
     except PalpateError as error:
         raise CurveError(f"{path}: spot '{spot.spot.name}': {error}") from error
     return found

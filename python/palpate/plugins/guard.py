@@ -1,6 +1,7 @@
 """The guard around every call of a plugin: whatever goes wrong there is a PluginError that names it."""
 
 import contextlib
+import inspect
 import os
 import sys
 import traceback
@@ -86,7 +87,10 @@ def answering_for(component: "Component | type[Component]", doing: str) -> Itera
     except (Exception, SystemExit) as error:
         kind = component if isinstance(component, type) else type(component)
         where = f"{kind.__module__}.{kind.__qualname__}"
-        reason, remedy = f": {error}{line_of(error)}", "check the file, or tell the plugin's author"
+        line = line_of(error, kind.__module__.partition(".")[0]) or _definition(kind)
+        reason, remedy = f": {error}{line}", "correct the plugin, or tell its author"
+        if _reads_files(kind):
+            remedy = "check the file, or tell the plugin's author"
         if type(error).__name__ == "TracerArrayConversionError":
             reason, remedy = "", NUMPY_IN_ENERGY
         raise PluginError(
@@ -113,8 +117,25 @@ def guarded() -> Iterator[None]:
         raise PluginError(f"{type(error).__name__}: {error}{line_of(error)}") from error
 
 
-def line_of(error: BaseException) -> str:
-    """Last line of the plugin in a traceback, as `` (line 3 of mine.py)``; empty if there is none."""
+def _reads_files(kind: type) -> bool:
+    from palpate.plugins.interfaces import ExperimentLoader, LimbSource
+
+    return issubclass(kind, (ExperimentLoader, LimbSource))
+
+
+def _definition(kind: type) -> str:
+    """Place of a class, for a call that failed before a line of it ran."""
+    try:
+        return f" (class at line {inspect.getsourcelines(kind)[1]} of {inspect.getsourcefile(kind)})"
+    except (OSError, TypeError):  # made in no file
+        return ""
+
+
+def line_of(error: BaseException, package: str = "") -> str:
+    """Last line of the plugin in a traceback, as `` (line 3 of mine.py)``; empty if there is none.
+
+    The plugin is a plugin file, else ``package``; without a package, the first one called from palpate.
+    """
     if isinstance(error, SyntaxError):
         return ""  # its text has the line
     places = [
@@ -123,6 +144,8 @@ def line_of(error: BaseException) -> str:
     ]
     # Packages between palpate and the first line of a plugin.
     between = ("palpate", "typer", "click", "pluggy", "importlib", "_frozen_importlib")
-    own = [place for place in places if place[0] not in (*between, "_frozen_importlib_external")]
-    last = [(file, line) for package, file, line in own if package == own[0][0]][-1:]
+    packages = [place[0] for place in places if place[0] not in (*between, "_frozen_importlib_external")]
+    files = [each for each in packages if each.startswith("palpate_plugin_")]  # as load_file calls them
+    plugin = files[-1:] or ([package] if package else packages[:1])
+    last = [(file, line) for name, file, line in places if name in plugin][-1:]
     return "".join(f" (line {line} of {file})" for file, line in last)

@@ -8,7 +8,8 @@ import numpy as np
 import pytest
 
 from palpate.domain import Curve
-from palpate.errors import CurveError
+from palpate.errors import CurveError, PluginError
+from palpate.experiment.measured import load_measured
 from palpate.experiment.stress_checks import check_modes, check_stress, stresses_of_ranges
 from palpate.plugins.catalogue import Plugins
 from palpate.study.reading import Study, read_study
@@ -156,3 +157,12 @@ def test_a_large_stretch_of_a_soft_material_is_none_in_percent(c3):
     stretch = np.linspace(1.0, 6.0, 41)
     found = warnings("uniaxial", stretch, yeoh("uniaxial", stretch, (0.2, -1e-3, c3)), no_ranges())
     assert not any("percent" in text for text in found)
+
+
+def test_a_material_that_raises_is_no_fault_of_the_measured_file(monkeypatch):
+    def fails(*_: object) -> None:
+        raise RuntimeError("my table is missing")
+
+    monkeypatch.setattr(type(study().space.regions[0].material), "energy", fails)
+    with pytest.raises(PluginError, match=r"^energy at the ends of the ranges: 'yeoh' .* correct the plugin"):
+        load_measured(study(), plugins().channels)
