@@ -31,3 +31,18 @@ def test_a_guide_opens_with_what_the_reader_can_do_afterwards(guide: Path) -> No
     _, first, *_ = guide.read_text(encoding="utf-8").split("\n\n")
     assert first.startswith("After this guide you can ")
     assert first.count(".") == 1
+
+
+@pytest.mark.parametrize(
+    ("study", "time", "in_words"), [("first-press", "45 s", "45 s"), ("forearm-demo", "12 min", "12 minutes")]
+)
+def test_a_ready_study_takes_one_time(study: str, time: str, in_words: str) -> None:
+    guides = {guide.stem: guide.read_text(encoding="utf-8") for guide in GUIDES}
+    assert re.search(rf"^\| \[{study}\].*\| {time} \|$", guides["studies"], flags=re.MULTILINE)
+    folder = ROOT / "plugins" / "palpate-forearm" / "src" / "palpate_forearm"
+    for text in (README, (folder / "studies" / study / "README.md").read_text(encoding="utf-8")):
+        assert in_words in text
+    if study == "forearm-demo":
+        assert in_words in (folder / "__init__.py").read_text(encoding="utf-8")
+    assert f"`{study}` takes" not in guides["runs"]
+    assert not re.search(r"How long does a run take\?[^?]*(?:minute|second)", guides["faq"])

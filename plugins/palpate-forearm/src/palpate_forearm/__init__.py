@@ -33,7 +33,7 @@ def palpate_studies() -> "list[StudyTemplate]":
 
     summaries = {
         "first-press": "one press and twist, one parameter, found within its interval (simulated)",
-        "forearm-demo": "four spots on coarse meshes; six to twelve minutes of processor time (simulated)",
+        "forearm-demo": "four spots on coarse meshes; 12 minutes on a slow machine (simulated)",
         "forearm": "four spots in the paper's manner, 250 sets; hours (simulated)",
         "forearm-fibres": "muscle with fibres, from slides along and across them at one spot (simulated)",
         "forearm-layered": "skin over soft tissue, identified together at one spot (simulated)",
