@@ -295,7 +295,9 @@ def test_a_refused_run_has_no_card_unless_it_is_asked_for(call, without_sweep):
         rows = np.loadtxt(path)
         rows[:, 1] = rows[::-1, 1]  # falls where the spring's curve rises
         np.savetxt(path, rows)
-    assert call("run", without_sweep).code == 0
+    ran = call("run", without_sweep, "--json")
+    assert ran.code == 0
+    assert json.loads(ran.out)["model"]["verdict"] == "does not describe"
     run = ("runs/toy", "--trust-plugins")
     refused = call("card", *run)
     assert refused.code == 2
