@@ -80,13 +80,13 @@ class Catalogue(Mapping[str, T]):
         if found := self._entries.get(name):
             return found
         close = suggestion(name, self._entries)
-        message = f"no {self.noun} '{name}'{close} (known: {', '.join(self._entries) or 'none'})"
+        # A broken plugin is the likely cause, so its reason comes before the names.
+        cause = f" (plugins left out as broken: {'; '.join(map(str, self._broken))})" if self._broken else ""
+        message = f"no {self.noun} '{name}'{cause}{close} (known: {', '.join(self._entries) or 'none'})"
         if self.noun == "stage":
             message += f"; {MORE}"
         elif not close:
             message += "; if a file of yours provides it, give it as --plugin FILE or as [study] plugins"
-        if self._broken:
-            message += "; plugins left out as broken: " + "; ".join(map(str, self._broken))
         raise UnknownNameError(message)
 
 

@@ -52,3 +52,11 @@ def test_a_call_with_wrong_arguments_names_the_class(lab) -> None:
     with pytest.raises(PluginError) as raised, answering_for(material, "energy at the ends"):
         material.other(1)
     assert f"(class at line 7 of {path}); correct the plugin, or tell its author" in str(raised.value)
+
+
+def test_a_missing_name_has_the_broken_plugin_before_the_known_names(write: Write) -> None:
+    plugins = Plugins.load([write("lab", "def broken(:\n")], entry_points=False)
+    with pytest.raises(
+        PluginError, match=r"^no sampler 'my_lhs' .*SyntaxError.* did you mean 'lhs'.* \(known"
+    ):
+        plugins.samplers["my_lhs"]
