@@ -180,3 +180,9 @@ def test_a_folder_that_cannot_be_written_is_reported(tmp_path: Path) -> None:
     (tmp_path / "file").touch()
     with pytest.raises(PluginError, match="cannot be written"):
         new_plugin("stage", "mine", tmp_path / "file", NOTHING)
+
+
+def test_its_development_group_has_what_its_contract_needs(made: dict[str, Path]) -> None:
+    for folder in made.values():
+        groups = tomllib.loads((folder / "pyproject.toml").read_text(encoding="utf-8"))["dependency-groups"]
+        assert any(each.startswith("palpate[testing]") for each in groups["dev"])
