@@ -125,6 +125,8 @@ class Registry:
         self.sources: dict[str, str] = {}
         self.broken: list[BrokenPlugin] = []
         self.commands: dict[str, str] = {}
+        self.installed: Collection[str] = ()
+        """Names of the core's plugin and of distributions, whose components keep a name before a file's."""
         self.points: list[tuple[str, importlib.metadata.EntryPoint]] = []
         """Entry points of single components by kind, imported when the catalogues are filled."""
 
@@ -148,7 +150,18 @@ class Registry:
     def collect(self, kinds: Collection[str]) -> None:
         """Ask every plugin for what it provides of some kinds; one that fails is listed as broken."""
         self.entries = {kind: {} for kind in kinds}
-        for name, source in list(self.sources.items()):
+        given = self.sources.keys() - self.installed
+        self._collect_hooks(kinds, self.installed)
+        for kind, point in ((kind, point) for kind, point in self.points if kind in kinds):
+            owner, source = owner_of(point), _source(point)
+            try:
+                self._add(kind, _single(kind, point), owner, source)
+            except PluginError as error:
+                self._leave_out(owner, source, error, f"{KINDS[kind].noun} '{point.name}'")
+        self._collect_hooks(kinds, given)
+
+    def _collect_hooks(self, kinds: Collection[str], names: Collection[str]) -> None:
+        for name, source in [each for each in self.sources.items() if each[0] in names]:
             try:
                 provided = {kind: self._provided(name, kind) for kind in kinds}
             except PluginError as error:
@@ -158,12 +171,6 @@ class Registry:
             for kind, items in provided.items():
                 for item in items:
                     self._add(kind, item, name, source)
-        for kind, point in ((kind, point) for kind, point in self.points if kind in kinds):
-            owner, source = owner_of(point), _source(point)
-            try:
-                self._add(kind, _single(kind, point), owner, source)
-            except PluginError as error:
-                self._leave_out(owner, source, error, f"{KINDS[kind].noun} '{point.name}'")
 
     def _add(self, kind: str, item: Any, owner: str, source: str) -> None:  # noqa: ANN401 -- any entry
         """Enter one item; of two with one name the first keeps it."""
@@ -275,6 +282,7 @@ def registered(
             registry.register(point.name, _source(point), point.load)
         else:
             registry.points.append((point.group.removeprefix(f"{GROUP}."), point))
+    registry.installed = frozenset(registry.sources)
     for module in modules:
         name = getattr(module, "__name__", type(module).__name__)
         registry.register(name, "given as itself", lambda module=module: module)  # type: ignore[misc]
