@@ -116,7 +116,14 @@ def test_a_run_that_is_interrupted_between_stages_leaves_its_page(call, unswept,
     assert "the run has not ended" in written_page(lines).lower()
     assert "kPa" in lines["Parameters"]
     monkeypatch.setattr(pipeline, "_make", make)
-    assert call("run", RUN).code == 0
+    status = call("status", RUN)
+    assert "not running" in status.out
+    assert "finished" not in status.out
+    assert call("status", RUN, "--json").json["result"] == {}
+    again = call("run", RUN)
+    assert again.code == 0
+    assert "is complete" not in again.err
+    assert "; finished" in call("status", RUN).out
     assert "not ended" not in written_page(json.loads((RUN / "report" / "result.json").read_text()))
 
 

@@ -18,8 +18,8 @@ ROOT = Path(__file__).parents[2]
 LONGEST_FILE = 500
 LONGEST_FUNCTION = 45
 MOST = {
-    "lines": 78_189,
-    "lines of the core": 33_565,
+    "lines": 78_220,
+    "lines of the core": 33_594,
     "classes": 654,
     "constants": 691,
     "long files": 0,

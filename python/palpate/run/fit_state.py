@@ -63,6 +63,21 @@ def read_fit_state(folder: Path) -> FitState | None:
         return None
 
 
+def mark_going_on(folder: Path) -> None:
+    """Keep that a whole run has begun here; a run that is stopped or killed leaves the mark."""
+    write_whole(folder / "going_on", b"", durable=False)
+
+
+def mark_ended(folder: Path) -> None:
+    """Forget that a whole run has begun here: it has ended."""
+    (folder / "going_on").unlink(missing_ok=True)
+
+
+def is_going_on(folder: Path) -> bool:
+    """True if a whole run has begun here and not ended, whether a process runs it or not."""
+    return (folder / "going_on").is_file()
+
+
 def remove_fit_state(folder: Path) -> None:
     """Forget how far a fit was: it has ended, or a new run begins."""
     for name in (_FILE, FIRST_INTERVALS):

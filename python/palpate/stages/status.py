@@ -11,7 +11,7 @@ import polars as pl
 from palpate.domain import Status
 from palpate.errors import StudyError
 from palpate.run.directory import RunDirectory
-from palpate.run.fit_state import FitState, read_fit_state
+from palpate.run.fit_state import FitState, is_going_on, read_fit_state
 from palpate.run.ledger import Ledger
 from palpate.run.lock import Runner, living_runner_of
 from palpate.scoring import selection
@@ -41,6 +41,8 @@ class RunStatus:
         while it goes on.
     intervals : sequence of mapping
         Rows of the table ``intervals`` of a finished run.
+    has_ended : bool
+        Whether the last whole run in the folder has ended; True where its stages were run one by one.
     cost : DataFrame
         Processor time by stage and work, as :func:`palpate.simulation.processor_time.processor_time` has it.
     """
@@ -54,6 +56,7 @@ class RunStatus:
     fit: FitState | None
     result: Mapping[str, str] = field(default_factory=dict)
     intervals: Sequence[Mapping[str, Any]] = ()
+    has_ended: bool = True
     cost: pl.DataFrame = field(default_factory=pl.DataFrame)
 
     @property
@@ -64,7 +67,8 @@ class RunStatus:
     @property
     def is_unfinished(self) -> bool:
         """Whether nobody works on what is left."""
-        return self.runner is None and (self.n_finished < self.n_simulations or self.fit is not None)
+        is_left = self.n_finished < self.n_simulations or self.fit is not None
+        return self.runner is None and (is_left or not self.has_ended)
 
 
 def status(folder: Path) -> RunStatus:
@@ -77,7 +81,8 @@ def status(folder: Path) -> RunStatus:
     runner, state = living_runner_of(folder), read_fit_state(folder)
     states = dict(rows["state"].value_counts().sort("count", "state", descending=[True, False]).iter_rows())
     n_to_do = n_left + ((state and state.n_left) or 0)
-    is_ended = runner is None and not n_left and state is None
+    has_ended = not is_going_on(folder)
+    is_ended = has_ended and runner is None and not n_left and state is None
     pace = _seconds_left(rows, n_left, runner)
     return RunStatus(
         folder=folder,
@@ -89,6 +94,7 @@ def status(folder: Path) -> RunStatus:
         fit=state,
         result=run.result() if is_ended else {},
         intervals=_intervals(run) if is_ended else [],
+        has_ended=has_ended,
         cost=processor_time(folder),
     )
 

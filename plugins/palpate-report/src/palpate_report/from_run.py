@@ -25,6 +25,7 @@ from palpate.api.runs import (
     answering_for,
     best_sets,
     fit_so_far,
+    is_going_on,
     keep_only,
     living_runner_of,
     parquet,
@@ -188,8 +189,9 @@ def _unfinished(run: Run, *, runs_now: bool) -> str:
     with Ledger(directory.folder) as ledger:
         counts = ledger.counts()
     n_left, state = counts.get("left", 0), read_fit_state(directory.folder)
+    is_left = runs_now or n_left or state or is_going_on(directory.folder)
     # Without a sweep there is nothing to report before the fit.
-    if not (runs_now or n_left or state) and (is_swept or directory.records.has("fit")):
+    if not is_left and (is_swept or directory.records.has("fit")):
         return ""
     sweep = f"{sum(counts.values()) - n_left} of {sum(counts.values())} simulations of the sweep"
     if not is_swept:
