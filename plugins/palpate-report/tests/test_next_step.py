@@ -86,7 +86,8 @@ def test_advice_names_a_study_file_of_another_name(fitted, monkeypatch, tmp_path
     monkeypatch.chdir(tmp_path)
     file = tmp_path / "my fp" / "soft.toml"
     ended = at_end_of_range(because(fitted, "friction"), WORST)
-    data = replace(ended, study=replace(ended.study, file=file), folder=tmp_path / "runs" / "x")
+    study = replace(ended.study, file=file, plugin_files=())
+    data = replace(ended, study=study, folder=tmp_path / "runs" / "x")
     assert said(data) == "widen the range of grip in soft.toml, then `palpate run runs/x --go-on`"
     assert (
         typed(AFTER_REFUSAL["ranges"], data)
@@ -95,6 +96,11 @@ def test_advice_names_a_study_file_of_another_name(fitted, monkeypatch, tmp_path
     assert typed(AFTER_REFUSAL["specimen"], data).endswith(
         "`palpate compare 'my fp/soft.toml' --materials all`"
     )
+    lab = replace(data, study=replace(data.study, plugin_files=(tmp_path / "lab.py",)))
+    assert "`palpate --plugin lab.py compare 'my fp/soft.toml'" in typed(AFTER_REFUSAL["specimen"], lab)
+    file.parent.mkdir()
+    file.write_text('[study]\nplugins = ["../lab.py"]\n')
+    assert "`palpate compare 'my fp/soft.toml'" in typed(AFTER_REFUSAL["specimen"], lab)
     whole = replace(data, study=replace(data.study, file=file.with_name("study.toml")))
     assert typed(AFTER_REFUSAL["specimen"], whole).endswith("`palpate compare 'my fp' --materials all`")
 

@@ -85,7 +85,7 @@ class Catalogue(Mapping[str, T]):
         message = f"no {self.noun} '{name}'{cause}{close} (known: {', '.join(self._entries) or 'none'})"
         if self.noun == "stage":
             message += f"; {MORE}"
-        elif not close:
+        else:
             message += "; if a file of yours provides it, give it as --plugin FILE or as [study] plugins"
         raise UnknownNameError(message)
 

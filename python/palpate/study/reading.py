@@ -165,6 +165,15 @@ class Study:
         return next((self.units[name] for name in moduli if name in self.units), "MPa")
 
     @property
+    def given_plugins(self) -> list[Path]:
+        """Plugin files that the study does not name, so that a command on it has to name them."""
+        try:
+            named = {path.resolve() for path in study_plugins(self.file)}
+        except StudyError:  # the file is not there any more, or is being edited
+            named = set()
+        return [path for path in self.plugin_files if path.resolve() not in named]
+
+    @property
     def record_s(self) -> float:
         """End of the longest motion [s]; 0 where none has times."""
         protocols = map(self.protocol_at, self.spot_names)

@@ -280,6 +280,7 @@ def test_an_unknown_name_offers_what_is_close(write: Write) -> None:
     assert "; did you mean 'grid'? (known: lhs, optimised_lhs, sobol, grid)" in message
     assert "bad" in message
     assert "No module named 'nope'" in message
+    assert "--plugin FILE" in message
     with pytest.raises(
         PluginError, match=r"no material 'yeoh' .* \(known: none\); if a file .* --plugin FILE"
     ):

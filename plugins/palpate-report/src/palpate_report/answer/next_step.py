@@ -25,14 +25,15 @@ where no other evidence is needed, and its colour. Others, such as fixed paramet
 COLOURS: Mapping[str, str] = MappingProxyType({CAUSES[cause]: colour for cause, colour in _COLOURS.items()})
 """Colours in figures by the words of a cause."""
 
-OTHER_MATERIAL = "compare other laws: `palpate compare {study} --materials all`"
+OTHER_MATERIAL = "compare other laws: `palpate {plugins}compare {study} --materials all`"
 
 AFTER_REFUSAL: Mapping[str, str] = MappingProxyType(
     {
         "specimen": OTHER_MATERIAL,
         "discrepancy": f"check first contact, friction and sensor by the residuals; then {OTHER_MATERIAL}",
         "ranges": "widen the ranges in {file}, then `palpate run {run} --go-on`",
-        "": "check units, signs and columns of the measured curves: `palpate experiment {study} --plots`",
+        "": "check units, signs and columns of the measured curves: "
+        "`palpate {plugins}experiment {study} --plots`",
     }
 )
 """What to do about a run without parameters, by the check that its model failed; R² is low without one."""
@@ -82,6 +83,10 @@ def typed(advice: str, data: ReportData) -> str:
         key: path.relative_to(here) if path.is_relative_to(here) else path for key, path in paths.items()
     }
     commands = {key: typed_path(path) for key, path in inside.items()}
+    given = (
+        path.relative_to(here) if path.is_relative_to(here) else path for path in data.study.given_plugins
+    )
+    commands["plugins"] = "".join(f"--plugin {typed_path(path)} " for path in given)
     return advice.format(file=file.name, **commands)
 
 
