@@ -169,3 +169,12 @@ def test_nonsense_in_the_manifest_is_refused(call, study, ran):
     again = call("run", study)
     assert (again.code, again.err.count("\n")) == (2, 1)
     assert "manifest.json: damaged (" in again.err
+
+
+@pytest.mark.parametrize("command", [("card", "runs/toy", "--for", "json"), ("report", "runs/toy")])
+def test_the_command_that_was_given_is_named_with_its_plugin(call, study, plugin, command):
+    file = plugin()
+    assert call("sample", study, plugin=file).code == 0
+    refused = call(*command, plugin=None)
+    assert refused.code == 2
+    assert refused.err.rstrip().endswith(f"palpate --plugin {file} {' '.join(command)}")

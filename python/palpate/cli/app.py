@@ -110,6 +110,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
     given, without = split_option("--no-plugin", given)
     app = build_app()
     session = Session([Path(file) for file in files], without, build_app)
+    session.arguments = tuple(given)
     if arguments is None:  # the whole process is this command's
         session.began_processor_s = 0.0
         os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")  # threads of small matrices wait for each other

@@ -1,5 +1,6 @@
 """Run directories as arguments: which one is meant, and whether its plugin files may be executed."""
 
+import shlex
 from collections.abc import Iterable, Mapping
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -78,25 +79,24 @@ def _written(run: Path) -> float:
     return max(path.stat().st_mtime for path in run.iterdir())
 
 
-def session_of_run(
-    session: Session, run: Path, named: Iterable[Path], *, trust: bool, command: str = "run"
-) -> Session:
+def session_of_run(session: Session, run: Path, named: Iterable[Path], *, trust: bool) -> Session:
     """Session with the plugin files that a received run names, once the user trusts them.
 
     A file given with ``--plugin`` is trusted, and is used instead of a named one of the same file name. A
     StudyError where a file is missing, or nobody can be asked whether to execute it.
     """
     given = {file.name for file in session.files}
+    command = shlex.join(session.arguments) or f"run {typed(run)}"
     others = list(dict.fromkeys(file.resolve() for file in named if file.name not in given))
     for file in others:
         if not file.is_file():
             raise StudyError(
                 f"{file}: a plugin file of this run is not there any more; name it: "
-                f"palpate --plugin {typed(Path(file.name))} {command} {typed(run)}"
+                f"palpate --plugin {typed(Path(file.name))} {command}"
             )
     if others and not trust:
         lines = [f"{run} names plugin files, which are programs:", *(f"  {file}" for file in others)]
-        call = " ".join([*(f"--plugin {typed(file)}" for file in others), command, typed(run)])
+        call = " ".join([*(f"--plugin {typed(file)}" for file in others), command])
         remedy = f"look at them; then use --trust-plugins, or name them: palpate {call}"
         session.confirm("\n".join(lines), "execute them?", remedy)
     return Session((*session.files, *others), session.without, session.make_app, session.given)
@@ -114,12 +114,12 @@ def study_of_run(session: Session, run: Path, *, trust: bool) -> tuple[Session, 
     from palpate.stages.saved_run import copied_study
 
     named = plugins_of(run, RunDirectory(run).manifest())
-    found = session_of_run(session, run, named, trust=trust, command="report")
+    found = session_of_run(session, run, named, trust=trust)
     return found, copied_study(run, found.plugins)
 
 
 def original_study(
-    session: Session, run: Path, *, trust: bool, moved: Path | None = None, command: str = "run"
+    session: Session, run: Path, *, trust: bool, moved: Path | None = None
 ) -> tuple[Session, Path]:
     """Session with the plugin files of a run, and the study file that it was made from.
 
@@ -147,7 +147,7 @@ def original_study(
             f"name it once: palpate run {typed(run)} --study FILE"
         )
     named += [] if moved else study_plugins(file)
-    return session_of_run(session, run, named, trust=trust, command=command), file.resolve()
+    return session_of_run(session, run, named, trust=trust), file.resolve()
 
 
 def plugins_of(run: Path, manifest: Mapping[str, Any]) -> list[Path]:

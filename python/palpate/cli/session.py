@@ -57,6 +57,8 @@ class Session:
         self.given = self.files if given is None else tuple(given)
         self.without = tuple(without)
         self.make_app = make_app
+        self.arguments: tuple[str, ...] = ()
+        """Command that runs and what follows it, as typed, without the options ``--plugin``."""
         self.asked: Path | None = None
         """Study that was read last."""
         self.usual_out = ""
@@ -277,8 +279,7 @@ def opened(
 
     session = Session.of(context)
     if is_run(study):
-        command = context.info_name or "run"
-        session, file = original_study(session, study, trust=trust, command=command)
+        session, file = original_study(session, study, trust=trust)
         return session, session.study(file), out or study
     checked = session.study(study)
     return session, checked, run_folder(checked, out)

@@ -139,7 +139,7 @@ def _study_of(
     if folder is None:
         assert study is not None
         return session, session.study(study, need_measured=False)
-    session, file = original_study(session, folder, trust=trust, command="next")
+    session, file = original_study(session, folder, trust=trust)
     return session, session.study(file)
 
 
@@ -251,7 +251,7 @@ def extend(
     from palpate_planning.candidates import extended_study
 
     folder = find_run(run)
-    session, file = original_study(Session.of(context), folder, trust=trust_plugins, command="extend")
+    session, file = original_study(Session.of(context), folder, trust=trust_plugins)
     name, written = extended_study(folder, file, press, measured)
     target, before = out or folder.with_name(f"{folder.name}-{name}"), RunDirectory(folder)
     fit = before.fit()
