@@ -41,9 +41,9 @@ def test_channels_of_a_plugin_are_simulated_fitted_and_reported(tmp_path):
     measured = load_measured(study, plugins.channels)["p1"]
     assert set(measured) == {"force", *CHANNELS}
     np.testing.assert_allclose(measured["grip"].abscissa[[0, -1]], [0.0, -1.0])
-    np.testing.assert_allclose(
-        measured["grip"].ordinate, measured["lateral_force"].ordinate / measured["wiped_force"].ordinate
-    )
+    lateral, wiped = (measured[name].ordinate for name in ("lateral_force", "wiped_force"))
+    # Exact at the states; between them a cubic of the ratio is nearly the ratio of cubics.
+    np.testing.assert_allclose(measured["grip"].ordinate, lateral / wiped, rtol=2e-3)
     grip = measured["grip"]
     assert grip.ordinate[grip.branches[0][1] - 1] > 0.0 > grip.ordinate[-1]  # against each stroke
     result = pipeline.run_study(study, tmp_path / "run", plugins)

@@ -237,9 +237,10 @@ class Curve:
     def densified(self, n_between: int) -> "Curve":
         """Curve with ``n_between`` more points in each interval, on cubics along each branch.
 
-        At its points a cubic has the steepness of the parabola through three neighbours: new ordinates are
-        linear in the given ones, and slopes are interpolated alike. An interval in which the abscissa rests
-        gets no points. Standard deviations and times are linear between points.
+        At its points a cubic has the steepness of the parabola through three neighbours, at most three times
+        the smaller steepness next to a point of ordinates that only rise or only fall, so that cubics do too
+        (Fritsch and Carlson 1980). Slopes are derivatives of the new ordinates. An interval in which the
+        abscissa rests gets no points. Standard deviations and times are linear between points.
         """
         x, columns = self.abscissa, np.column_stack([self.ordinate, *self.slopes.values()])
         share = np.arange(n_between + 1) / (n_between + 1)
@@ -288,10 +289,13 @@ class Curve:
 
 
 def _on_cubics(x: FloatArray, y: FloatArray, at: FloatArray) -> FloatArray:
-    """Values (m, k) of cubics through points x (n,), y (n, k) of a branch, ``at`` (m,); lines through two."""
+    """Values (m, k) of cubics through points x (n,), y (n, k) of a branch, ``at`` (m,); lines through two.
+
+    The first column has the ordinates; the others are its derivatives.
+    """
     if x.size == 2:
         return np.asarray(y[0] + ((at - x[0]) / (x[1] - x[0]))[:, None] * (y[1] - y[0]))
-    rates = np.gradient(y, x, axis=0, edge_order=2)
+    rates = _rates(x, y)
     up = np.sign(x[-1] - x[0])
     left = np.clip(np.searchsorted(up * x, up * at, side="right") - 1, 0, x.size - 2)
     width = (x[left + 1] - x[left])[:, None]
@@ -304,6 +308,18 @@ def _on_cubics(x: FloatArray, y: FloatArray, at: FloatArray) -> FloatArray:
         + t**2 * (t - 1) * width * rates[left + 1]
     )
     return cubic
+
+
+def _rates(x: FloatArray, y: FloatArray) -> FloatArray:
+    """Steepness (n, k) at points x (n,), y (n, k), where y's first column only rises or falls so limited."""
+    rates, secants = np.gradient(y, x, axis=0, edge_order=2), np.diff(y, axis=0) / np.diff(x)[:, None]
+    before, after = np.vstack([secants[:1], secants]), np.vstack([secants, secants[-1:]])
+    least = np.where(np.abs(before[:, :1]) < np.abs(after[:, :1]), before, after)
+    goes_on = before[:, 0] * after[:, 0] >= 0.0
+    rates[goes_on & (rates[:, 0] * least[:, 0] < 0.0)] = 0.0
+    steep = goes_on & (np.abs(rates[:, 0]) > 3.0 * np.abs(least[:, 0]))
+    rates[steep] = 3.0 * least[steep]
+    return rates
 
 
 def moving_span(abscissa: FloatArray) -> slice:
