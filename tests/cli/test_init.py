@@ -415,3 +415,19 @@ def test_first_contact_of_a_sphere_on_skin_has_a_law_of_its_own(
     assert tomllib.loads(onsets["skin"])["experiment"]["settings"]["onset"] == {"exponent": 1.3}
     assert [name for name, text in onsets.items() if "exponent" in text] == ["skin"]
     assert all("[budget]" in text for text in onsets.values())
+
+
+@pytest.mark.parametrize(
+    ("folder", "name"),
+    [
+        ("Öz", "Oz"),
+        ("Ü", "U"),
+        ("Müller 3", "Muller-3"),
+        ("Ян", "u42fu43d"),
+        ("患者1", "u60a3u80051"),
+        ("…", "own"),
+    ],
+)
+def test_a_study_keeps_the_letters_of_its_folder(call: Call, tmp_path: Path, folder: str, name: str) -> None:
+    assert call("init", folder).code == 0
+    assert f'\nname = "{name}"\n' in (tmp_path / folder / "study.toml").read_text(encoding="utf-8")

@@ -4,6 +4,7 @@ import json
 import os
 import re
 import shutil
+import unicodedata
 from collections.abc import Iterator, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
@@ -303,7 +304,10 @@ def _of_mesh(blocks: list[str], look: "Inspection | None") -> list[str]:
 
 def _name_of(text: str) -> str:
     """Name of a study or spot, as near to a text as its characters allow."""
-    return re.sub(r"[^A-Za-z0-9_-]+", "-", text).strip("-_") or "own"
+    # Letters lose their accents; others become their code point, so that two names stay two.
+    letters = (each for each in unicodedata.normalize("NFKD", text) if not unicodedata.combining(each))
+    plain = "".join(each if each.isascii() or not each.isalnum() else f"u{ord(each):x}" for each in letters)
+    return re.sub(r"[^A-Za-z0-9_-]+", "-", plain).strip("-_") or "own"
 
 
 def _from(folder: Path, file: Path) -> str:
