@@ -18,8 +18,8 @@ ROOT = Path(__file__).parents[2]
 LONGEST_FILE = 500
 LONGEST_FUNCTION = 45
 MOST = {
-    "lines": 78_252,
-    "lines of the core": 33_621,
+    "lines": 78_262,
+    "lines of the core": 33_631,
     "classes": 654,
     "constants": 691,
     "long files": 0,

@@ -109,7 +109,7 @@ def simulate(
     Raises
     ------
     PalpateError
-        A job cannot be simulated at all.
+        The design is none, or a job cannot be simulated at all.
     """
     drawn, responses = _design(study, design), _responses(measured)
     limbs, ids = load_limbs(study), design["set_id"].to_list()
@@ -300,12 +300,12 @@ def _design(study: Study, frame: pl.DataFrame) -> Design:
     _check_columns("design", frame, ("set_id", *names), "palpate.sample")
     if frame.is_empty():
         raise StudyError("design: the frame has no row; keep at least one set")
-    values = frame.select(names).to_numpy().astype(np.float64)
+    values = frame.select(pl.col(names).cast(pl.Float64, strict=False)).to_numpy()
     bad = np.argwhere(~np.isfinite(values))
     if bad.size:
         row, column = bad[0]
         raise StudyError(
-            f"design: row {row}, column '{names[column]}' is not finite; fill it or drop the row"
+            f"design: row {row}, column '{names[column]}' is not a finite number; fill it or drop the row"
         )
     if frame["set_id"].is_duplicated().any():
         twice = frame["set_id"].filter(frame["set_id"].is_duplicated())[0]

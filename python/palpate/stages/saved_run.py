@@ -73,7 +73,7 @@ class FittedMaterial:
         Raises
         ------
         MaterialError
-            The material has directions, or there is no such mode.
+            The material has directions, there is no such mode, or a stretch is not positive.
         """
         material = self.region.material
         if not isinstance(material, IsotropicMaterial):
@@ -82,6 +82,12 @@ class FittedMaterial:
                 "depends on them; simulate a test with a mesh"
             )
         amounts = np.asarray(stretch, dtype=np.float64)
+        wrong = amounts[~np.isfinite(amounts) | ((amounts <= 0.0) & (mode != "simple_shear"))]
+        if wrong.size:
+            raise MaterialError(
+                f"no stress at {wrong[0]:g} of '{mode}'; give finite amounts, a stretch as new length / "
+                "initial length > 0"
+            )
         theta = self.region.theta(dict(self.values))
         return nominal_stress(material, theta, mode, np.atleast_1d(amounts)).reshape(amounts.shape)
 

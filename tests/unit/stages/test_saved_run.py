@@ -106,6 +106,14 @@ def test_stress_of_an_incompressible_yeoh_solid_in_closed_form(stretch):
     np.testing.assert_allclose(found.stress(stretch, "equibiaxial"), expected, rtol=1e-6, atol=1e-11)
 
 
+@pytest.mark.parametrize("wrong", [0.0, -1.2, np.nan, np.inf])
+def test_a_stretch_that_cannot_be_is_refused(wrong):
+    found = fitted_yeoh(0.01, 0.0, 0.0)
+    with pytest.raises(MaterialError, match=f"no stress at {wrong:g} of 'uniaxial'; give finite"):
+        found.stress([1.2, wrong])
+    assert np.isfinite(found.stress([0.0, -1.2], "simple_shear")).all()
+
+
 def test_a_mode_that_is_unknown_is_refused():
     with pytest.raises(MaterialError, match=r"mode 'bending' is unknown; name one of uniaxial"):
         fitted_yeoh(0.01, 0.0, 0.0).stress(1.2, "bending")

@@ -87,7 +87,11 @@ def test_the_frames_are_those_of_a_run(make_study, plugins, tmp_path):
     [
         (lambda d: d.drop("set_id"), "design: the frame lacks column 'set_id' .* palpate.sample"),
         (lambda d: d.rename({"soft_tissue.grip": "grip"}), "lacks column 'soft_tissue.grip'"),
-        (lambda d: d.with_columns(pl.lit(float("nan")).alias("soft_tissue.grip")), "row 0, .* is not finite"),
+        (
+            lambda d: d.with_columns(pl.lit(float("nan")).alias("soft_tissue.grip")),
+            "row 0, .* is not a finite number",
+        ),
+        (lambda d: d.with_columns(pl.lit("soft").alias("soft_tissue.grip")), "row 0, .* is not a finite num"),
         (lambda d: d.with_columns(set_id=pl.lit(3)), "duplicate set_id 3; set_id must be unique"),
         (lambda d: d.head(0), "design: the frame has no row"),
     ],
