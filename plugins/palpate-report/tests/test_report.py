@@ -395,3 +395,12 @@ def test_what_draws_is_imported_when_something_is_drawn():
     names = "('matplotlib', 'plotly', 'jinja2')"
     code = f"import palpate.stages.pipeline, sys; sys.exit(any(name in sys.modules for name in {names}))"
     assert subprocess.run([sys.executable, "-c", code], check=False).returncode == 0
+
+
+def test_the_set_for_all_spots_has_a_row_of_one_width_for_any_number_of_spots(content):
+    data = content()
+    made = make_tables(data)
+    names = [p.name for p in data.design.parameters]
+    columns = [name for name in made["generalised"].columns if name != "verdict"]
+    assert columns == ["scenario", "set_id", "fopt_mean", "fopt_sd", *names]
+    assert made["cost_of_one_set"]["spot"].to_list() == list(data.spots)

@@ -256,12 +256,9 @@ def finding(tables: Mapping[str, pl.DataFrame], scenarios: Collection[str] | Non
 
 
 def generalised(data: ReportData) -> pl.DataFrame:
-    """Lay out the one set for all spots: mean ± sd of Fopt, its value at each spot, coefficients."""
-    rows = data.generalisation
+    """Lay out the one set for all spots: mean ± sd of Fopt, and coefficients."""
     names = [p.name for p in data.design.parameters]
-    one = rows.head(1).select("scenario", "set_id", "fopt_mean", "fopt_sd", *names)
-    by_spot = {f"fopt_{row['spot']}": row["fopt"] for row in rows.iter_rows(named=True)}
-    return one.with_columns(**{name: pl.lit(value) for name, value in by_spot.items()})
+    return data.generalisation.head(1).select("scenario", "set_id", "fopt_mean", "fopt_sd", *names)
 
 
 def cost_of_one_set(data: ReportData) -> pl.DataFrame:
