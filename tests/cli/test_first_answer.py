@@ -5,7 +5,6 @@ import re
 from dataclasses import replace
 from pathlib import Path
 
-import polars as pl
 import pytest
 
 from palpate.cli.session import Session
@@ -13,6 +12,7 @@ from palpate.errors import StoppedError
 from palpate.executors import InProcess
 from palpate.progress import Progress
 from palpate.stages import core_stages, pipeline
+from palpate.stages.saved_run import open_run
 from palpate_report.stage import ReportStage
 
 from .conftest import PLUGIN, edit
@@ -50,12 +50,6 @@ def test_a_quick_run_stops_at_the_first_answer_and_goes_on_later(call, unswept):
     assert "first answer, the run has not ended" in again.out
     assert json.loads((RUN / "report" / "result.json").read_text())["Parameters"] == lines["Parameters"]
     assert "First answer: intervals by linearisation" in (RUN / "report" / "index.html").read_text()
-    first = RUN / "first_answer.parquet"
-    kept = pl.read_parquet(first)
-    kept.with_columns(pl.col("value") + 1.0).write_parquet(first)  # as if the fit had gone on since
-    assert call("report", RUN).code == 0
-    assert "First answer" not in (RUN / "report" / "index.html").read_text()
-    kept.write_parquet(first)
     n_quick = call("status", RUN, "--json").json["n_finished"]
     assert not (RUN / "intervals.parquet").exists()
     whole = call("run", RUN, "--json")
@@ -83,6 +77,25 @@ def test_a_quick_run_that_cannot_be_is_refused(call, unswept, option, reason):
     refused = call("run", unswept, "--quick", *([option] if option == "--json" else []))
     assert (refused.code, reason in refused.err) == (2, True), refused.err
     assert not RUN.exists()
+
+
+@pytest.mark.parametrize("n_sets", [0, 20])
+def test_everything_reads_the_first_answer_of_a_quick_run(call, study, n_sets):
+    edit(study, "n_sets = 20", f"n_sets = {n_sets}")
+    assert call("run", study, "--quick").code == 0
+    lines = json.loads((RUN / "report" / "result.json").read_text())
+    opened = open_run(RUN, Session([Path(PLUGIN)]).plugins)
+    row = opened.answer.row(0, named=True)
+    assert row["source"] == "first answer"
+    assert row["lower"] < row["value"] < row["upper"]
+    assert opened.headline.source == "first answer"
+    card = call("card", RUN)
+    assert (card.code, "first answer" in card.out) == (0, True), card.err
+    assert call("report", RUN).code == 0
+    assert json.loads((RUN / "report" / "result.json").read_text())["Parameters"] == lines["Parameters"]
+    assert call("run", RUN).code == 0
+    assert set(open_run(RUN, Session([Path(PLUGIN)]).plugins).answer["source"]) == {"fit"}
+    assert not any((RUN / "first_answer").iterdir())
 
 
 class Stopping(Progress):

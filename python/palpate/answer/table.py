@@ -34,7 +34,7 @@ OF_ANSWER = MappingProxyType(
             {
                 **common("scenario"),
                 "spot": TableColumn("Name of the spot, or 'all spots'.", pl.String),
-                "source": TableColumn("'fit', or the set of the sweep.", pl.String),
+                "source": TableColumn("'fit', 'first answer', or the set of the sweep.", pl.String),
                 "kind": TableColumn("'parameter' or 'modulus'.", pl.String),
                 **common("parameter", "unit", "value"),
                 "optimum": TableColumn("Value where Fopt of emulated curves is least.", unit=OF_ROW),

@@ -75,7 +75,7 @@ def _command_after(run: "Run", name: str) -> str:
 
     The report where none does; the whole run of a study without a sweep, whose next stages make nothing.
     """
-    from palpate.stages.stage import in_order
+    from palpate.stages.order import in_order
 
     if not (run.study.n_sets or run.directory.records.has("fit")):
         return "run"

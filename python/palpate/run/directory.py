@@ -10,7 +10,8 @@
     ledger.sqlite           simulations: states, attempts, timings, reasons, curves, states of the skin
     TABLE.parquet           tables that the stages declare
     going_on                there from the beginning of a whole run to its end
-    fit.json                how far the fit is, while it goes on; first_answer.parquet its first intervals
+    fit.json                how far the fit is, while it goes on
+    first_answer/           tables of the first fit, until the whole fit has ended
     processor_time.json     processor time of all commands, by stage and work
     next.json               which presses to make next
     stages.json             checksums of these files, and what each stage was made from
@@ -270,10 +271,11 @@ class RunDirectory:
             raise StudyError(f"{path}: {error}; run `palpate next {typed(self.folder)}` first") from None
         return found
 
-    def fit(self) -> FitResult:
-        """Read the fit, with what is known of its intervals; empty where there is none."""
+    def fit(self, *, is_first: bool = False) -> FitResult:
+        """Read the fit, or the first answer, with its known intervals; empty where there is none."""
         declared = {**DECLARED["fit"], **{name: ASSESSED[name] for name in OF_A_FIT}}
-        found = {name: self.table(name) for name in declared}
+        folder = "first_answer/" if is_first else ""
+        found = {name: self.table(f"{folder}{name}") for name in declared}
         found = {name: frame if frame.width else declared[name].empty() for name, frame in found.items()}
         return FitResult(
             table=found["fit"],

@@ -9,8 +9,6 @@ from palpate.run.atomic_files import write_whole
 from palpate.run.ownership import KEPT, reason
 
 _FILE = "fit.json"
-FIRST_INTERVALS = "first_answer.parquet"
-"""Intervals of a first answer, while there are no others."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -80,5 +78,4 @@ def is_going_on(folder: Path) -> bool:
 
 def remove_fit_state(folder: Path) -> None:
     """Forget how far a fit was: it has ended, or a new run begins."""
-    for name in (_FILE, FIRST_INTERVALS):
-        (folder / name).unlink(missing_ok=True)
+    (folder / _FILE).unlink(missing_ok=True)

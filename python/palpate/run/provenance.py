@@ -40,6 +40,14 @@ class StageRecords:
         every = self._read() | {stage: {"made_from": dict(made_from), "files": sums}}
         write_atomically(self.path, json.dumps(every, indent=1).encode() + b"\n")
 
+    def forget(self, stage: str) -> None:
+        """Remove the files of a stage, and their record."""
+        files = [self.folder / name for name in self._files(stage)]
+        others = {name: entry for name, entry in self._read().items() if name != stage}
+        write_atomically(self.path, json.dumps(others, indent=1).encode() + b"\n")
+        for file in files:
+            file.unlink(missing_ok=True)
+
     def has(self, stage: str) -> bool:
         """True if a stage has been run."""
         return stage in self._read()

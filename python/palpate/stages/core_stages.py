@@ -34,7 +34,8 @@ from palpate.simulation import jobs as simulation
 from palpate.simulation.cost import WORTH_SAYING_S, n_of_fit
 from palpate.simulation.sweep import KeptSimulations, Simulations
 from palpate.simulation.verification import verify
-from palpate.stages.stage import Run, Stage, stages_of_run
+from palpate.stages.order import stages_of_run
+from palpate.stages.stage import Run, Stage
 from palpate.study.reading import Study
 
 
@@ -281,7 +282,9 @@ class SearchForBest(OfEveryRun):
         """Ends and traces of the searches; nothing where the selection has the answer already."""
         if isinstance(inputs.study.search, BestSet):
             return {}
-        return fit_files(cases_of(inputs, keeps_state=True), inputs)
+        found = fit_files(cases_of(inputs, keeps_state=True), inputs)
+        inputs.directory.records.forget(FIRST_ANSWER)
+        return found
 
 
 class Surface(CoreStage):
@@ -389,6 +392,10 @@ def show_first_answer(inputs: Run, case: Case) -> None:
                 if inputs.is_quick or isinstance(error, StoppedError):
                     raise
                 inputs.progress.note(f"warning: no first answer by `palpate {stage.name}`: {error}")
+        first = inputs.shared[FIRST_ANSWER]
+        tables = fit_tables(first) | {"intervals": first.intervals, "adequacy": first.adequacy}
+        files = {f"first_answer/{name}": table for name, table in tables.items()}
+        inputs.directory.write_stage(FIRST_ANSWER, files, inputs.made_from(inputs.stages["fit"]))
     if inputs.is_quick:
         raise FirstAnswerError(
             f"stopped after the first answer; `palpate run {typed(inputs.directory.folder)}` goes on"
@@ -420,11 +427,11 @@ def fit_so_far(inputs: Run) -> FitResult:
 
 def fit_files(cases: Sequence[Case], inputs: Run) -> Files:
     """Tables of the fit, with the fitted curves by fit, scenario and spot."""
-    found = fit_result(cases, inputs.simulations)
-    return {
-        "fit": found.table,
-        "fit_trace": found.trace,
-        "fit_mesh": found.mesh,
-        "fine_meshes": fine_meshes(inputs.study, inputs.limbs, inputs.inputs.edges_mm),
-        "fit_curves": curves_of(found.responses),
-    }
+    meshes = fine_meshes(inputs.study, inputs.limbs, inputs.inputs.edges_mm)
+    return fit_tables(fit_result(cases, inputs.simulations)) | {"fine_meshes": meshes}
+
+
+def fit_tables(found: FitResult) -> dict[str, pl.DataFrame]:
+    """Tables of a search by name."""
+    curves = curves_of(found.responses)
+    return {"fit": found.table, "fit_trace": found.trace, "fit_mesh": found.mesh, "fit_curves": curves}

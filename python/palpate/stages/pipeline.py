@@ -39,7 +39,8 @@ from palpate.scoring import scores as scoring
 from palpate.simulation import jobs as simulation
 from palpate.simulation.forecast import Part
 from palpate.stages.core_stages import selected
-from palpate.stages.stage import Run, Stage, in_order, read_run, stages_of, stages_of_run
+from palpate.stages.order import in_order, stages_of_run
+from palpate.stages.stage import Run, Stage, read_run, stages_of
 from palpate.study.checks import setting_warnings, unedited_warnings
 from palpate.study.reading import Study
 

@@ -2,7 +2,7 @@
 
 import contextlib
 from abc import abstractmethod
-from collections.abc import Callable, Iterable, Iterator, Mapping
+from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 from pathlib import Path
@@ -11,24 +11,24 @@ from typing import Any, ClassVar, Self, cast
 
 import polars as pl
 
-from palpate.answer.table import Results, answer_table, searched_parameters
+from palpate.answer.table import FIT, Results, answer_table, searched_parameters
 from palpate.domain import Channel, Design, Limb, Response, Simulation, SurfaceStates
 from palpate.domain.component import Component, SettingsT
-from palpate.errors import PluginError, StudyError
+from palpate.errors import PluginError, StudyError, typed
 from palpate.fit.fitted import Fitted, fitted
 from palpate.fit.stage import Case
 from palpate.fit.surfaces import stored_strains, stored_surfaces
 from palpate.limb.loading import load_limbs, with_edges
 from palpate.plugins.catalogue import Plugins
 from palpate.plugins.guard import answering_for
-from palpate.plugins.registry import MORE, suggestion
 from palpate.plugins.sections import Section, Summary
 from palpate.plugins.table import StageTable
 from palpate.progress import SILENT, Progress
 from palpate.run.directory import RunDirectory
+from palpate.run.fit_state import is_going_on
 from palpate.run.keys import answers_key
 from palpate.run.provenance import described, fingerprint
-from palpate.run.result import FitResult, StudyInputs
+from palpate.run.result import FIRST_ANSWER, FitResult, StudyInputs
 from palpate.run.result_files import Files
 from palpate.run.tables import ASSESSED, OF_A_FIT
 from palpate.simulation import jobs as simulation
@@ -36,6 +36,7 @@ from palpate.simulation.cost import SWEEP, n_workers
 from palpate.simulation.forecast import Forecast, Part
 from palpate.simulation.processor_time import ProcessorTime
 from palpate.simulation.sweep import Simulations
+from palpate.stages.order import in_order
 from palpate.study.reading import Study
 
 
@@ -297,13 +298,35 @@ class Run:
         """Values that the run has found for all spots together."""
         self.check("select")
         chosen, general = (self.table(name, "select") for name in ("selection", "generalisation"))
-        return fitted(self.study, chosen, general, self.fit())
+        fit, folder = self.fit(), self.directory.folder
+        if fit.table.is_empty() and chosen.is_empty() and general.is_empty() and is_going_on(folder):
+            raise StudyError(
+                f"{folder}: the run has not ended, and nothing is fitted or selected yet; finish the run: "
+                f"`palpate run {typed(folder)}`"
+            )
+        found = fitted(self.study, chosen, general, fit)
+        return replace(found, source=FIRST_ANSWER) if found.source == FIT and self.is_first_answer else found
+
+    @property
+    def is_first_answer(self) -> bool:
+        """True if the fit is the first answer of a run whose whole fit has not ended."""
+        records, stage = self.directory.records, self.stages.get("fit")
+        if stage is None or not records.has(FIRST_ANSWER):
+            return False
+        try:
+            records.check(FIRST_ANSWER, self.made_from(stage))
+        except StudyError:
+            return False
+        return True
 
     def fit(self) -> FitResult:
-        """Result of the fit, with its intervals where their stage is installed; empty where there is none.
+        """Result of the fit, or else its first answer, with intervals where their stage is installed.
 
+        Empty where there is none.
         A StudyError where it, or its intervals, were made from something else than the study has now.
         """
+        if self.is_first_answer:
+            return self.directory.fit(is_first=True)
         assessors = self._makers(*OF_A_FIT)
         self.check(*filter(self.directory.records.has, ("fit", *assessors)))
         found = self.directory.fit()
@@ -317,7 +340,7 @@ class Run:
         self.check("select")
         chosen, general = (self.table(name, "select") for name in ("selection", "generalisation"))
         study, design, fit = self.study, self.design, self.fit()
-        return answer_table(
+        found = answer_table(
             Results(
                 study=study,
                 spots=tuple(self.measured),
@@ -329,6 +352,9 @@ class Run:
                 fit=fit,
             )
         )
+        if self.is_first_answer:
+            return found.with_columns(pl.col("source").replace(FIT, FIRST_ANSWER))
+        return found
 
     def surfaces(self) -> Mapping[str, SurfaceStates]:
         """States of the skin by spot, as ``palpate surface`` has simulated them; empty where it has not."""
@@ -458,40 +484,3 @@ def stages_of(study: Study, plugins: Plugins) -> dict[str, Stage]:
         for name, kind in plugins.stages.items()
         if name in given or not any(f.is_required() for f in kind.Settings.model_fields.values())
     }
-
-
-def in_order(stages: Mapping[str, Stage], wanted: Iterable[str]) -> list[Stage]:
-    """Wanted stages and all that they need, each after those that it needs.
-
-    A PluginError where there is no such stage, or stages need each other.
-    """
-    found: dict[str, Stage] = {}
-
-    def add(name: str, path: tuple[str, ...]) -> None:
-        if name in path:
-            raise PluginError(f"stages need each other: {' → '.join([*path, name])}; leave one `needs` out")
-        if name not in stages:
-            by = f" that '{path[-1]}' needs" if path else ""
-            raise PluginError(
-                f"no stage '{name}'{by}{suggestion(name, stages)}; install its plugin ({MORE}), or give "
-                f"the settings that it requires in [stages.{name}] of the study"
-            )
-        for need in stages[name].needs:
-            add(need, (*path, name))
-        found.setdefault(name, stages[name])
-
-    for name in wanted:
-        add(name, ())
-    return list(found.values())
-
-
-def stages_of_run(study: Study, stages: Mapping[str, Stage]) -> Iterator[Stage]:
-    """Stages of a whole run, in order: the stages of every run, and the stages that the study asks for.
-
-    What a run cannot do without comes before what may fail.
-    """
-    asked = {stage.name for stage in study.stages}
-    wanted = [name for name, each in stages.items() if name in asked or each.is_in_run(study)]
-    yield from in_order(
-        stages, sorted(wanted, key=lambda name: (stages[name].comes_last, stages[name].may_fail))
-    )

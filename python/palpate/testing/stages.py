@@ -23,7 +23,8 @@ from palpate.plugins.sections import Summary
 from palpate.plugins.table import StageTable
 from palpate.progress import SILENT
 from palpate.run.directory import RunDirectory
-from palpate.stages.stage import Run, Stage, in_order, read_run
+from palpate.stages.order import in_order
+from palpate.stages.stage import Run, Stage, read_run
 from palpate.study.reading import Study
 from palpate.testing.components import ComponentContract, overridden
 from palpate.testing.studies import StudyRunner

@@ -18,7 +18,7 @@ from palpate.plugins import registry
 from palpate.plugins.catalogue import Plugins
 from palpate.plugins.registry import HOOKS, KINDS, add_commands, load_file, plugin_source
 from palpate.plugins.versions import FIRST_PARTY
-from palpate.stages.stage import in_order
+from palpate.stages.order import in_order
 
 from .conftest import Write
 

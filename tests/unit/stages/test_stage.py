@@ -13,7 +13,8 @@ from palpate.plugins.registry import load_file
 from palpate.plugins.table import StageTable, TableColumn
 from palpate.run.directory import RunDirectory
 from palpate.stages import pipeline
-from palpate.stages.stage import Run, Stage, in_order, read_run
+from palpate.stages.order import in_order
+from palpate.stages.stage import Run, Stage, read_run
 from palpate.testing import StageContract
 
 LOOP = Path(__file__).parents[3] / "examples" / "loop_work.py"

@@ -3,11 +3,9 @@
 import contextlib
 import json
 from collections.abc import Mapping
-from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
-import numpy as np
 import polars as pl
 
 from palpate.api import SILENT, PluginError, Progress, Run, StudyError, Summary, about
@@ -15,7 +13,6 @@ from palpate.api.files import write_atomically
 from palpate.api.fit import FitResult
 from palpate.api.runs import (
     FIRST_ANSWER,
-    FIRST_INTERVALS,
     RESULT,
     Ledger,
     Plugins,
@@ -28,7 +25,6 @@ from palpate.api.runs import (
     is_going_on,
     keep_only,
     living_runner_of,
-    parquet,
     processor_time,
     read_fit_state,
     read_run,
@@ -86,7 +82,7 @@ def report_data(run: Run, *, unfinished: str = "") -> ReportData:
     study, inputs, swept = run.study, run.inputs, run.swept()
     tables: dict[str, pl.DataFrame] = {}
     if unfinished:
-        fit = run.shared.get(FIRST_ANSWER) or (FitResult() if swept else _fit_so_far(run))
+        fit = run.shared.get(FIRST_ANSWER) or _fit_so_far(run, is_swept=bool(swept))
         scores = score(swept, inputs.measured, study.scoring, study.scenarios)
         chosen, general = best_sets(study, inputs.design, scores)
     else:
@@ -125,21 +121,18 @@ def report_data(run: Run, *, unfinished: str = "") -> ReportData:
     )
 
 
-def _fit_so_far(run: Run) -> FitResult:
-    """Fit as far as it is; a StudyError before its first evaluation."""
+def _fit_so_far(run: Run, *, is_swept: bool) -> FitResult:
+    """First answer, or the fit as far as it is without a sweep; a StudyError before its first evaluation."""
+    if run.is_first_answer:
+        return run.fit()
+    if is_swept:
+        return FitResult()
     fit = fit_so_far(run)
     if fit.table.is_empty():
         n = int(_simulated(run.directory.folder).get("n_simulations", 0))
         ended = f"{n} simulations have ended, too few for a fit" if n else "no simulation has ended yet"
         raise StudyError(f"{run.directory.folder}: {ended}; watch it with `palpate status`")
-    file = run.directory.folder / FIRST_INTERVALS
-    if not file.is_file():
-        return fit
-    intervals, now = pl.read_parquet(file), fit.table.row(0, named=True)
-    values = np.array([now.get(name) for name in intervals["parameter"]], dtype=float)  # None: NaN
-    # The intervals have their values by way of coordinates, which round.
-    is_same = np.allclose(values, intervals["value"], rtol=1e-9, atol=0.0)
-    return replace(fit, intervals=intervals) if is_same else fit
+    return fit
 
 
 def report(
@@ -169,9 +162,6 @@ def written(run: Run, progress: Progress, *, unfinished: str = "") -> Report:
 def show_so_far(run: Run) -> Report:
     """Report of a run that goes on or was stopped, without files of figures; it is a first answer or less."""
     unfinished = _unfinished(run, runs_now=True)
-    if (first := run.shared.get(FIRST_ANSWER)) is not None:
-        # For `palpate report`, which simulates nothing.
-        write_atomically(run.directory.folder / FIRST_INTERVALS, parquet(first.intervals))
     return write_report(report_data(run, unfinished=unfinished), run.directory.report, draws=False)
 
 
