@@ -61,7 +61,7 @@ def test_posteriors_of_a_fit_are_drawn_and_kept(call, without_sweep, tmp_path):
     pytest.importorskip("emcee")
     early = call("certainty", without_sweep)
     assert early.code == 2
-    assert f" run {without_sweep} --out " in early.err
+    assert f" run {without_sweep}`" in early.err
     assert "run `palpate --plugin " in early.err
     assert call("run", without_sweep).code == 0
     drawn = call("certainty", without_sweep, "--json")
