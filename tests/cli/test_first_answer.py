@@ -98,6 +98,11 @@ def test_everything_reads_the_first_answer_of_a_quick_run(call, study, n_sets):
     assert not any((RUN / "first_answer").iterdir())
 
 
+def test_a_run_directory_that_does_not_exist_is_named_as_such(call):
+    refused = call("status", "nope")
+    assert (refused.code, "nope: no such folder" in refused.err) == (2, True), refused.err
+
+
 class Stopping(Progress):
     """Starts no simulation from a stage on."""
 

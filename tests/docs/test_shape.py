@@ -18,8 +18,8 @@ ROOT = Path(__file__).parents[2]
 LONGEST_FILE = 500
 LONGEST_FUNCTION = 45
 MOST = {
-    "lines": 78_298,
-    "lines of the core": 33_680,
+    "lines": 78_300,
+    "lines of the core": 33_682,
     "classes": 654,
     "constants": 691,
     "long files": 0,

@@ -182,6 +182,8 @@ class RunDirectory:
     def manifest(self) -> dict[str, Any]:
         """Content of ``manifest.json``."""
         path = self.folder / "manifest.json"
+        if not self.folder.is_dir():
+            raise StudyError(f"{self.folder}: no such folder; name a run directory")
         if not path.exists():
             raise StudyError(f"{path}: not there yet; run `palpate run` first")
         try:
