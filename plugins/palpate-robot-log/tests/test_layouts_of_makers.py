@@ -242,3 +242,26 @@ def test_a_stretch_that_begins_at_0_is_a_strain(name: str, tmp_path: Path) -> No
     assert curves is not None, problem
     found = curves["uniaxial"].abscissa
     assert (found.min(), found.max()) == pytest.approx((1.0, 1.2))
+
+
+@pytest.mark.parametrize("sign", [1.0, -1.0])
+@pytest.mark.parametrize("farthest", [1.0, 3.0])
+def test_a_stretch_whose_first_row_is_the_most_compressed_is_no_strain(
+    sign: float, farthest: float, tmp_path: Path
+) -> None:
+    stretch = np.linspace(0.4, farthest, 61)
+    names = "lambda,Nominal stress (kPa)" if sign > 0.0 else "Stretch,Compressive stress (kPa)"
+    lines = [names, *rows(stretch, sign * 10.0 * (stretch - stretch**-2))]
+    (tmp_path / "t.csv").write_text("\n".join(lines))
+    curves, problem = proposed(tmp_path / "t.csv")
+    assert curves is not None, problem
+    found = curves["uniaxial"].abscissa
+    assert (found.min(), found.max()) == pytest.approx((0.4, farthest))
+
+
+@pytest.mark.parametrize("unloaded", [0.0, 1.0])
+def test_a_stretch_next_to_force_is_a_strain_where_it_begins_at_0(unloaded: float, tmp_path: Path) -> None:
+    lines = ["Grip stretch,Force (N)", *rows(unloaded + STRAIN, STRESS_KPA)]
+    (tmp_path / "t.csv").write_text("\n".join(lines))
+    channels = inspect_log(tmp_path / "t.csv").record["channels"]["uniaxial"]
+    assert channels["abscissa"] == ("Grip stretch" if unloaded else {"name": "Grip stretch", "offset": 1.0})

@@ -215,7 +215,8 @@ def _specimen(columns: Sequence[Column], mode: str = "uniaxial") -> Proposal | N
     for key, (role, instead, size) in _SIZES.items():
         offset = 1.0 if key == "abscissa" and mode == "uniaxial" else 0.0
         if role == "strain" and (found := pick(columns, "stretch")) is not None:
-            channels[key] = _column(found)
+            load = pick(columns, "stress") or pick(columns, "force")
+            channels[key] = _column(found, offset=0.0 if load and _is_stretch(found, load) else offset)
         elif (found := pick(columns, role)) is not None:
             channels[key] = _column(found, offset=offset)
         elif (found := pick(columns, instead)) is not None and found.factor is not None:
@@ -360,6 +361,15 @@ def _open(along: Picked, stress: Picked, columns: Sequence[Column], *, is_stretc
         yield f"{stress.column.name}: amplitudes of an oscillation are no curve; give a test of loading"
 
 
+def _is_stretch(along: Picked, load: Picked) -> bool:
+    """Whether a column is a stretch by its name, and not the strain λ - 1 by its value at rest."""
+    if not {"stretch", "lambda", "streckung"} & {*words_of(along.column.name)}:
+        return False
+    values = along.column.values * (along.factor or 1.0)
+    at_rest = values[np.argmin(np.where(np.isfinite(values), abs(load.column.values), np.inf))]
+    return bool(at_rest > 0.5 or np.nanmin(values) <= -1.0)
+
+
 def _homogeneous(columns: Sequence[Column], stated: Set[str]) -> Proposal | None:
     """Stress of a homogeneous test over its stretch, strain or shear; None without both."""
     stress, along = pick(columns, "stress"), pick(columns, "stretch") or pick(columns, "strain")
@@ -371,9 +381,7 @@ def _homogeneous(columns: Sequence[Column], stated: Set[str]) -> Proposal | None
             return Proposal(test="uniaxial", questions=(ask,))
         return None
     test = test_of(along.column, stress.column, columns, stated)
-    first = along.column.values[np.isfinite(along.column.values)][0] * (along.factor or 1.0)
-    # No stretch begins at 0, and λ - 1 is a strain.
-    is_stretch = bool({"stretch", "lambda", "streckung"} & {*words_of(along.column.name)}) and first > 0.5
+    is_stretch = _is_stretch(along, stress)
     signs, remarks = _signs(along.column.values, stress.column.values, test, is_stretch=is_stretch)
     is_nominal = not test.strain and not is_stretch and test.mode != "simple_shear"
     columns_of: dict[str, Any] = {
