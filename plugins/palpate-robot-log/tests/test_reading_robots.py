@@ -318,14 +318,15 @@ def test_two_measured_positions_that_differ_are_asked_about(
     assert (question in asked(tmp_path / "t.csv", table)) == is_asked
 
 
-def test_a_turn_of_a_machine_that_wraps_is_one_turn(tmp_path: Path) -> None:
+@pytest.mark.parametrize("name", ["Rotation (deg)", "Rotation"])
+def test_a_turn_of_a_machine_that_wraps_is_one_turn(name: str, tmp_path: Path) -> None:
     made = press(twist=True)
     turn = np.degrees(np.unwrap(made.pose.as_euler("ZYX")[:, 0]))
     table = {
         "Time (s)": made.time_s,
         "Crosshead (mm)": 203.0 - made.tip_mm[:, 2],
         "Load (N)": -made.force_N[:, 2],
-        "Rotation (deg)": np.mod(turn - turn[0] + 5.0, 360.0),
+        name: np.mod(turn - turn[0] + 5.0, 360.0),
         "Torque (N·mm)": 1e3 * made.moment_Nm[:, 2],
     }
     path = tmp_path / "t.csv"
@@ -334,8 +335,29 @@ def test_a_turn_of_a_machine_that_wraps_is_one_turn(tmp_path: Path) -> None:
     torque = RobotLogLoader(RobotLogSettings.model_validate(settings)).load(path)["torque"]
     assert torque.abscissa.max() == pytest.approx(22.5, abs=0.1)
     assert torque.ordinate.max() == pytest.approx(TORQUE_NMM, abs=0.5)
-    curve = {name: table[name][100:400] for name in ("Rotation (deg)", "Torque (N·mm)")}
-    assert "Rotation (deg) jumps by a full turn: unwrap it" in asked(path, curve)
+    curve = {one: table[one][100:400] for one in (name, "Torque (N·mm)")}
+    assert f"{name} jumps by a full turn: unwrap it" in asked(path, curve)
+
+
+def test_a_fast_turn_without_a_unit_keeps_its_sense(tmp_path: Path) -> None:
+    t = np.arange(0.0, 40.0, 0.1)
+    depth = np.interp(t, [0.0, 2.0, 12.0, 22.0, 32.0, 40.0], [0.0, 0.0, 10.0, 10.0, 0.0, 0.0])
+    turn = np.interp(t, [0.0, 13.0, 21.0, 40.0], [0.0, 0.0, 320.0, 320.0])
+    table = {
+        "Time (s)": t,
+        "Displacement (mm)": depth,
+        "Force (N)": 0.02 * np.clip(depth - 3.0, 0.0, None) ** 1.5,
+        "Rotation": turn,
+        "Torque (N mm)": 60.0 * np.sin(np.radians(turn) / 3.6),
+    }
+    moments = []
+    for name in ("Rotation", "Rotation (deg)"):
+        columns = {name if key == "Rotation" else key: values for key, values in table.items()}
+        write.write_text(tmp_path / "t.csv", columns)
+        text = inspect_log(tmp_path / "t.csv").record["study_toml"]
+        moments.append([line for line in text.splitlines() if "Torque" in line])
+    assert moments[0] == moments[1]
+    assert moments[0]
 
 
 def test_a_time_with_marks_between_its_thousands_is_named(tmp_path: Path) -> None:

@@ -173,7 +173,8 @@ def _curves(columns: Sequence[Column], stated: str) -> Proposal | None:
                 questions.append(f"{of.column.name} falls from its largest value to 0: reverse the rows")
         else:
             turn = _column(along, float(np.degrees(1.0)) if along.factor else 1.0)
-            if np.nanmax(np.abs(np.diff(along.column.values))) * (along.factor or 0.0) > np.pi:
+            radians = along.factor or (0.0 if along.column.shown_unit else np.radians(1.0))
+            if np.nanmax(np.abs(np.diff(along.column.values))) * radians > np.pi:
                 questions.append(f"{along.column.name} jumps by a full turn: unwrap it, so that it is steady")
             channels[channel] = {"abscissa": turn, "ordinate": _column(of)}
         if (spread := spread_of(columns, roles[1])) is not None:

@@ -224,9 +224,11 @@ def _twist_of(log: RawLog, stream: Stream, columns: Sequence[Column]) -> dict[st
     if angle is None or moment is None or not np.ptp(angle.column.values) > 0.0:
         return {}
     known = np.isfinite(angle.column.values) & np.isfinite(moment.column.values)
-    turned = np.unwrap(angle.column.values[known], period=2.0 * np.pi / (angle.factor or 1.0))
-    sense = np.corrcoef(turned, moment.column.values[known])[0, 1]
     turn = _along_axis(log, stream, "orientation", angle, -1.0, form="axis_angle")
+    factor = angle.factor or {"rad": 1.0, "deg": np.radians(1.0)}.get(turn.entry.get("unit", ""))
+    turned = angle.column.values[known]
+    turned = np.unwrap(turned, period=2.0 * np.pi / factor) if factor else turned
+    sense = np.corrcoef(turned, moment.column.values[known])[0, 1]
     return {"orientation": turn, "moment": _along_axis(log, stream, "moment", moment, sense)}
 
 
