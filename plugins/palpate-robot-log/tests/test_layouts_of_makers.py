@@ -265,3 +265,15 @@ def test_a_stretch_next_to_force_is_a_strain_where_it_begins_at_0(unloaded: floa
     (tmp_path / "t.csv").write_text("\n".join(lines))
     channels = inspect_log(tmp_path / "t.csv").record["channels"]["uniaxial"]
     assert channels["abscissa"] == ("Grip stretch" if unloaded else {"name": "Grip stretch", "offset": 1.0})
+
+
+def test_a_stretch_in_percent_is_read_and_without_a_unit_asked_about(tmp_path: Path) -> None:
+    for name in ("Stretch (%)", "Stretch"):
+        lines = [f"{name},Nominal stress (kPa)", *rows(100.0 + 100.0 * STRAIN, STRESS_KPA)]
+        (tmp_path / "t.csv").write_text("\n".join(lines))
+        curves, problem = proposed(tmp_path / "t.csv")
+        if name == "Stretch":
+            assert problem == "Stretch goes to 120: in percent? give scale, 0.01 or 1"
+        else:
+            assert curves is not None, problem
+            assert curves["uniaxial"].abscissa.max() == pytest.approx(1.2)

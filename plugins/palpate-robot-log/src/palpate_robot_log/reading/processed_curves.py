@@ -352,9 +352,9 @@ def _open(along: Picked, stress: Picked, columns: Sequence[Column], *, is_stretc
     if stress.factor is None and not stress.column.shown_unit:
         yield f"{stress.column.name} shows no unit of stress: give scale, the factor to MPa"
     largest = float(np.nanmax(np.abs(along.column.values), initial=0.0))
-    if along.factor is None and not along.column.shown_unit and not is_stretch and largest > 10.0:
+    if along.factor is None and not along.column.shown_unit and largest > 10.0:
         yield f"{along.column.name} goes to {largest:.4g}: in percent? give scale, 0.01 or 1"
-    size, load = abs(along.column.values - is_stretch), abs(stress.column.values)
+    size, load = abs(_true_values(along) - is_stretch), abs(stress.column.values)
     if 0.1 < size[0] / np.nanmax(size) < 0.9 and load[0] < _AT_REST * np.nanmax(load):
         ask = "is it zeroed there? subtract it by offset, or add the rows before"
         yield f"{along.column.name} is {along.column.values[0]:.4g} where the stress begins: {ask}"
@@ -362,11 +362,17 @@ def _open(along: Picked, stress: Picked, columns: Sequence[Column], *, is_stretc
         yield f"{stress.column.name}: amplitudes of an oscillation are no curve; give a test of loading"
 
 
+def _true_values(along: Picked) -> FloatArray:
+    """Strains or stretches of a column, in percent where it has no unit and no tissue is stretched so far."""
+    values = along.column.values
+    return values * (along.factor or (0.01 if np.nanmax(abs(values), initial=0.0) > 10.0 else 1.0))
+
+
 def _is_stretch(along: Picked, load: Picked) -> bool:
     """Whether a column is a stretch by its name, and not the strain λ - 1 by its value at rest."""
     if not {"stretch", "lambda", "streckung"} & {*words_of(along.column.name)}:
         return False
-    values = along.column.values * (along.factor or 1.0)
+    values = _true_values(along)
     at_rest = values[np.argmin(np.where(np.isfinite(values), abs(load.column.values), np.inf))]
     return bool(at_rest > 0.5 or np.nanmin(values) <= -1.0)
 
