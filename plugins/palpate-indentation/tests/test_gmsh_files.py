@@ -206,3 +206,25 @@ def test_binary_files_are_left_to_meshio(tmp_path: Path) -> None:
     mesh = meshio.Mesh(MADE.points_mm, [("hexahedron", HEXES)])
     meshio.write(tmp_path / "m.msh", mesh, file_format="gmsh22", binary=True)
     assert read_gmsh(tmp_path / "m.msh") is None
+
+
+def test_volumes_of_one_name_have_their_numbers(tmp_path: Path) -> None:
+    thirds = np.array_split(np.arange(len(HEXES)), 3)
+    text = text_2({1: thirds[0], 2: thirds[1], 3: thirds[2]}).replace("upper half", "tissue")
+    names = text.partition("$PhysicalNames\n")[2].partition("$EndPhysicalNames")[0]
+    count = int(names.split()[0])
+    more = names.replace(f"{count}\n", f"{count + 1}\n", 1) + '3 3 "tissue"\n'
+    (tmp_path / "m.msh").write_text(text.replace(names, more))
+    found = read_gmsh(tmp_path / "m.msh")
+    assert found is not None
+    members = {name: sum(map(len, blocks)) for name, blocks in found.cell_sets.items()}
+    assert {name: n for name, n in members.items() if "tissue" in name} == {
+        f"tissue {k + 1}": len(third) for k, third in enumerate(thirds)
+    }
+
+
+def test_a_binary_file_with_two_groups_of_one_name_is_refused(tmp_path: Path) -> None:
+    names = b'$PhysicalNames\n2\n3 1 "skin"\n2 2 "skin"\n$EndPhysicalNames\n'
+    (tmp_path / "m.msh").write_bytes(b"$MeshFormat\n2.2 1 8\n\x01\x00\x00\x00\n$EndMeshFormat\n" + names)
+    with pytest.raises(MeshError, match="two groups have the name 'skin'; save the mesh as text"):
+        read_here(tmp_path / "m.msh")

@@ -5,6 +5,7 @@ here an element is there once, in all of them.
 """
 
 import itertools
+from collections import Counter
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -63,11 +64,17 @@ def read_gmsh(path: Path) -> MeshFile | None:
     Raises
     ------
     MeshError
-        It has elements of another type, or is cut off.
+        It has elements of another type, or is cut off; or it is another one, and two groups have one name.
     """
     sections = _sections(path)
     version, is_binary = (sections.get("MeshFormat", "") + " 0 1").split()[:2]
+    names = _names(sections.get("PhysicalNames", ""))
     if is_binary != "0" or version not in ("2", "2.0", "2.1", "2.2", "4.1"):
+        # meshio keeps one group of each name.
+        if twice := [name for name, n in Counter(names.values()).items() if n > 1]:
+            raise MeshError(
+                f"{path}: two groups have the name '{twice[0]}'; save the mesh as text of version 4.1"
+            )
         return None
     for needed in ("Nodes", "Elements"):
         if needed not in sections:
@@ -95,7 +102,7 @@ def read_gmsh(path: Path) -> MeshFile | None:
             "gmsh:physical": tuple(np.array(cells.first) for cells in of_shape.values()),
             **dict(of_elements),
         },
-        cell_sets=_sets(groups, list(of_shape), _names(sections.get("PhysicalNames", ""))),
+        cell_sets=_sets(groups, list(of_shape), names),
     )
     return once(content)
 
@@ -106,8 +113,10 @@ def _sets(
     names: Mapping[tuple[int, int], str],
 ) -> dict[str, tuple[NDArray[np.int64], ...]]:
     """Rows of each physical group in the block of each shape, by a name of its own."""
-    # A volume and its surface may have one name.
+    # A volume and its surface may have one name; groups of one dimension that share it have their numbers.
+    alike = Counter((group[0], names[group]) for group in groups if group in names)
     called = {group: names.get(group, f"physical {group[1]}") for group in groups}
+    called |= {group: f"{name} {group[1]}" for group, name in names.items() if alike[group[0], name] > 1}
     largest = {called[group]: group for group in sorted(groups)}
     return {
         called[group]
