@@ -70,11 +70,7 @@ def read_gmsh(path: Path) -> MeshFile | None:
     version, is_binary = (sections.get("MeshFormat", "") + " 0 1").split()[:2]
     names = _names(sections.get("PhysicalNames", ""))
     if is_binary != "0" or version not in ("2", "2.0", "2.1", "2.2", "4.1"):
-        # meshio keeps one group of each name.
-        if twice := [name for name, n in Counter(names.values()).items() if n > 1]:
-            raise MeshError(
-                f"{path}: two groups have the name '{twice[0]}'; save the mesh as text of version 4.1"
-            )
+        _refuse_twice(path, names.values())
         return None
     for needed in ("Nodes", "Elements"):
         if needed not in sections:
@@ -105,6 +101,14 @@ def read_gmsh(path: Path) -> MeshFile | None:
         cell_sets=_sets(groups, list(of_shape), names),
     )
     return once(content)
+
+
+def _refuse_twice(path: Path, names: Iterable[str]) -> None:
+    """Refuse two groups of one name, of which meshio keeps one."""
+    if twice := [name for name, n in Counter(names).items() if n > 1]:
+        raise MeshError(
+            f"{path}: two groups have the name '{twice[0]}'; save the mesh as text of version 4.1"
+        )
 
 
 def _sets(
