@@ -21,7 +21,14 @@ X = np.linspace(0.1, 1.0, 9)
 
 def parameters(kinds):
     return [
-        Parameter(name=f"{kind}{i}", unit="1", lower=0.5, upper=3.0, kind=kind, description="")
+        Parameter(
+            name=f"{kind}{i}",
+            unit="MPa" if kind == "modulus" else "1",
+            lower=0.5,
+            upper=3.0,
+            kind=kind,
+            description="",
+        )
         for i, kind in enumerate(kinds)
     ]
 
