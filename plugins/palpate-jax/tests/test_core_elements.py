@@ -74,6 +74,33 @@ def states(draw):
     return elements, u + draw(st.sampled_from([0.0, 1e-9, 0.05])) * rng.standard_normal(u.shape), rng
 
 
+def turn(rng):
+    q, _ = np.linalg.qr(rng.standard_normal((3, 3)))
+    return q * np.linalg.det(q)
+
+
+@given(states())
+def test_turning_and_moving_the_body_turns_its_forces(state):
+    elements, u, rng = state
+    points, q = elements.mesh.points_mm, turn(rng)
+    forces = elements.force(u)
+    turned = elements.force((points + u) @ q.T + rng.standard_normal(3) - points)
+    np.testing.assert_allclose(turned, forces @ q.T, atol=1e-12 + 1e-12 * np.abs(forces).max())
+
+
+@given(states())
+def test_forces_balance_have_no_moment_and_spin_with_the_body(state):
+    elements, u, rng = state
+    forces, stiffness = elements.force(u), elements.stiffness(u)
+    size, now = 1e-3 + np.abs(forces).max(), elements.mesh.points_mm + u
+    np.testing.assert_allclose(forces.sum(axis=0), 0.0, atol=1e-12 * size)
+    np.testing.assert_allclose(np.cross(now, forces).sum(axis=0), 0.0, atol=1e-11 * size)
+    spin = rng.standard_normal(3)
+    rate = stiffness @ np.cross(spin, now).ravel()
+    expected = np.cross(spin, forces).ravel()
+    np.testing.assert_allclose(rate, expected, atol=1e-11 * np.abs(stiffness).max())
+
+
 @given(states())
 def test_forces_are_the_slope_of_the_energy_and_the_stiffness_theirs(state):
     elements, u, rng = state
@@ -104,6 +131,13 @@ def test_a_flipped_element_has_the_jacobian_of_the_flip():
     deformation = elements.block.deform(u)
     assert deformation.least_jacobian == pytest.approx(-1.0, rel=1e-12)
     assert np.isnan(deformation.stretches).all()
+
+
+def test_two_calls_give_the_same_bits():
+    elements = CASES["tet10", True]
+    u = 0.05 * np.random.default_rng(1).standard_normal(elements.mesh.points_mm.shape)
+    assert (elements.force(u) == elements.force(u)).all()
+    assert (elements.stiffness(u) == elements.stiffness(u)).all()
 
 
 def test_an_array_that_does_not_fit_is_refused():
