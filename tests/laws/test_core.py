@@ -238,6 +238,55 @@ def test_krylov_solves_a_nearby_unsymmetric_matrix(system, precision, ratio, dig
     assert np.linalg.norm(nearby @ solution - rhs) <= 1.001 * 10.0**digits * np.linalg.norm(rhs)
 
 
+@given(systems(), PRECISIONS, st.integers(-30, 30))
+def test_preconditioning_is_linear_in_size(system, precision, exponent):
+    matrix, rhs = system
+    factor, size = factor_of(matrix, precision), 2.0**exponent
+    found = factor.precondition(size * rhs)
+    np.testing.assert_allclose(found, size * factor.precondition(rhs), rtol=1e-12, atol=0)
+    assert not factor.precondition(np.zeros(rhs.size)).any()
+
+
+@pytest.fixture(scope="module")
+def elastic() -> sp.csr_array:
+    """Stiffness (1944, 1944) of random springs between neighbours of a lattice that is held at the bottom."""
+    n, rng = 9, np.random.default_rng(0)
+    total = sp.csr_array((3 * n**3, 3 * n**3))
+    for step in np.stack(np.meshgrid(*((-1, 0, 1),) * 3, indexing="ij"), axis=-1).reshape(-1, 3)[14:]:
+        x, y, z = (sp.eye_array(n, k=int(k)) for k in step)
+        neighbour = sp.kron(x, sp.kron(y, z))
+        difference = neighbour - sp.diags_array(neighbour.sum(axis=1))
+        springs = difference.T @ sp.diags_array(rng.uniform(0.5, 2.0, n**3)) @ difference
+        total = total + sp.kron(springs, np.outer(step, step) + 0.05 * np.eye(3))
+    matrix = sp.csr_array((total + total.T)[3 * n**2 :, 3 * n**2 :])
+    matrix.sort_indices()
+    return matrix
+
+
+@pytest.mark.parametrize(("precision", "tolerance"), [("double", 1e-10), ("single", 1e-3)])
+def test_a_solid_body_is_solved(elastic, precision, tolerance):
+    expected = np.cos(np.arange(elastic.shape[0]))
+    once = factor_of(elastic, precision).precondition(elastic @ expected)
+    np.testing.assert_allclose(once, expected, atol=tolerance)
+
+
+def test_krylov_takes_more_steps_the_farther_the_matrix_and_stops_at_the_limit(elastic):
+    factor, rhs = factor_of(elastic, "single"), np.cos(np.arange(elastic.shape[0]))
+    noise, steps = np.random.default_rng(3).uniform(-1.0, 1.0, elastic.nnz), []
+    for size in (0.0, 0.01, 0.1):
+        data = elastic.data * (1.0 + size * noise)
+        solution, n_steps, converged = factor.krylov(data, rhs, 1e-8, 100)
+        assert converged
+        matrix = sp.csr_array((data, elastic.indices, elastic.indptr))
+        assert np.linalg.norm(matrix @ solution - rhs) <= 1e-8 * np.linalg.norm(rhs)
+        steps.append(n_steps)
+    assert steps[0] <= 3 < steps[1] < steps[2]
+    assert factor.krylov(data, rhs, 1e-8, 2)[1:] == (2, False)
+    solution, n_steps, converged = factor.krylov(data, np.zeros(rhs.size), 1e-8, 2)
+    assert (n_steps, converged) == (0, True)
+    assert not solution.any()
+
+
 # ------------------------------------------------------------------------------------------- errors
 
 LINE, TWO = np.array([0.0, 1.0, 2.0]), np.array([[0.1, 0.2], [0.3, 0.4]])
