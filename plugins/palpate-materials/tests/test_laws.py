@@ -5,6 +5,7 @@ import numpy as np
 import pytest
 from hypothesis import given, settings, strategies as st
 from hypothesis.extra.numpy import arrays
+from scipy.spatial.transform import Rotation
 
 from palpate import mechanics
 from palpate.domain import HomogeneousTests, Job
@@ -33,13 +34,30 @@ MATERIALS = (
     ArrudaBoyce(),
 )
 stress_and_tangent = jax.jit(mechanics.stress_and_tangent, static_argnums=0)
+gradients = arrays(np.float64, (3, 3), elements=st.floats(-0.25, 0.25)).map(lambda e: np.eye(3) + e)
 shares = arrays(np.float64, (8,), elements=st.floats(0.0, 1.0))
+rotations = st.integers(0, 2**32 - 1).map(
+    lambda seed: Rotation.random(rng=np.random.default_rng(seed)).as_matrix()
+)
 few = settings(max_examples=25, deadline=None)
 
 
 def theta_of(material, share):
     lower, upper = np.array([[p.lower, p.upper] for p in material.parameters]).T
     return lower + (upper - lower) * share[: lower.size]
+
+
+@pytest.mark.parametrize("material", MATERIALS, ids=lambda m: m.name)
+@few
+@given(F=gradients, share=shares, Q=rotations, R=rotations)
+def test_stress_and_tangent_turn_with_space_and_with_the_specimen(material, F, share, Q, R):
+    theta = theta_of(material, share)
+    P, A = (np.asarray(x) for x in stress_and_tangent(material, F, theta))
+    near = {"atol": 1e-10 * np.abs(A).max()}
+    np.testing.assert_allclose(P @ F.T, F @ P.T, **near)  # balance of moments
+    turned, turned_A = (np.asarray(x) for x in stress_and_tangent(material, Q @ F @ R.T, theta))
+    np.testing.assert_allclose(turned, Q @ P @ R.T, **near)
+    np.testing.assert_allclose(turned_A, np.einsum("ip,JM,kq,LN,pMqN->iJkL", Q, R, Q, R, A), **near)
 
 
 @pytest.mark.parametrize("material", MATERIALS, ids=lambda m: m.name)
