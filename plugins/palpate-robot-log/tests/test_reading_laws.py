@@ -9,6 +9,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 from hypothesis import HealthCheck, given, settings, strategies as st
+from scipy.spatial.transform import Rotation
 
 from palpate.api.files import (
     UNITS,
@@ -21,6 +22,7 @@ from palpate.api.files import (
 from palpate.domain import FloatArray
 from palpate.errors import CurveError
 from palpate.experiment.delimited.header_units import bare_unit
+from palpate_robot_log.reading.assembly import quaternions
 from palpate_robot_log.reading.formats import read_here
 from palpate_robot_log.reading.raw import RawLog
 from palpate_robot_log.reading.robots import propose
@@ -186,6 +188,21 @@ def test_a_unit_of_another_kind_is_known_and_refused(unit: str) -> None:
     assert kind_of(unit) == "other"
     with pytest.raises(CurveError, match="a unit of another kind where one of force is needed"):
         factor_to_base(unit, "force", "here")
+
+
+# ------------------------------------------------------------------------ turns
+
+
+@given(seed=st.integers(0, 2**32 - 1), sequence=st.sampled_from(["xyz", "zyx", "XYZ", "ZYX", "ZYZ"]))
+def test_angles_about_any_axes_are_single_turns_in_their_order(seed: int, sequence: str) -> None:
+    angles = np.random.default_rng(seed).uniform(-3.0, 3.0, (9, 3))
+    first, second, third = (
+        Rotation.from_rotvec(angles[:, [k]] * np.eye(3)["xyz".index(axis)])
+        for k, axis in enumerate(sequence.lower())
+    )
+    expected = third * second * first if sequence.islower() else first * second * third
+    overlap = np.einsum("ij,ij->i", quaternions("euler", angles, sequence), expected.as_quat())
+    np.testing.assert_allclose(np.abs(overlap), 1.0, atol=1e-12)
 
 
 # --------------------------------------------------------------------- mutations
