@@ -163,6 +163,7 @@ class _Reader:
         )
         conditions = DeckSupports(self.root, names).read()
         named_parts = {self.part_name(block, k) for k, block in enumerate(mesh.findall("Elements"))}
+        named_parts |= {name for name, _ in self.materials().values()}  # not by their ids
         return Deck(
             points=points,
             parts=parts,
@@ -172,7 +173,7 @@ class _Reader:
             supports=tuple(conditions.supports),
             touched=conditions.pressed(),
             warnings=tuple(conditions.warnings),
-            absent=tuple(name for name in self.leave_out if name not in {*named_parts, *self.materials()}),
+            absent=tuple(name for name in self.leave_out if name not in named_parts),
         )
 
     def named(self, name: str) -> IntArray | None:
