@@ -18,7 +18,7 @@ ROOT = Path(__file__).parents[2]
 LONGEST_FILE = 500
 LONGEST_FUNCTION = 45
 MOST = {
-    "lines": 78_331,
+    "lines": 78_330,
     "lines of the core": 33_682,
     "classes": 654,
     "constants": 691,

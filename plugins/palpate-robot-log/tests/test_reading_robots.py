@@ -316,6 +316,10 @@ def test_two_measured_positions_that_differ_are_asked_about(
     table = {"t": made.time_s} | poses | turn | wrench(made)
     question = "camera_x, camera_y, camera_z or robot_x, robot_y, robot_z? both show the tool, and differ"
     assert (question in asked(tmp_path / "t.csv", table)) == is_asked
+    table |= {name: 0.1 * 1e3 * values for name, values in poses.items()}
+    problem = asked(tmp_path / "t.csv", table)
+    assert (question in problem) == is_asked
+    assert "and show no unit: cm, mm or m?" in problem
 
 
 @pytest.mark.parametrize("name", ["Rotation (deg)", "Rotation"])

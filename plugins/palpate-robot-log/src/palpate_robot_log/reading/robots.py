@@ -275,9 +275,8 @@ def with_unit(log: RawLog, quantity: str, guess: Guess, force_extent: float) -> 
     unit, *others = _likely_units(quantity, values, force_extent)
     if others:
         spans = f"{', '.join(guess.names)} span {size:.3g} and show no unit"
-        return replace(
-            guess, question=f"{spans}: {unit}, {' or '.join(others)}? write unit next to {quantity}"
-        )
+        ask = f"{spans}: {unit}, {' or '.join(others)}? write unit next to {quantity}"
+        return replace(guess, question="; ".join(filter(None, (guess.question, ask))))
     check = f"the unit of {quantity}: {unit} is judged from the size of the numbers alone"
     return guess.with_check(check, unit=unit)
 
