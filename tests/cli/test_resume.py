@@ -390,7 +390,9 @@ def test_two_studies_of_one_name_do_not_share_the_default_folder(call, study, tm
         refused = call(command, other)
         assert refused.code == 2
         assert "holds the run of" in refused.err
-        assert "--out" in refused.err
+        assert "; change the name 'toy' under [study], or continue" in refused.err
+    call("sample", study, "--out", "kept")
+    assert "; name another folder with --out, or continue" in call("sample", other, "--out", "kept").err
     assert call("run", "runs/toy", "--study", other).code == 0
 
 

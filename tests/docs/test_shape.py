@@ -18,10 +18,10 @@ ROOT = Path(__file__).parents[2]
 LONGEST_FILE = 500
 LONGEST_FUNCTION = 45
 MOST = {
-    "lines": 78_330,
-    "lines of the core": 33_682,
+    "lines": 78_333,
+    "lines of the core": 33_685,
     "classes": 654,
-    "constants": 691,
+    "constants": 690,
     "long files": 0,
     "long functions": 6,
     "docstrings without a noun first": 0,

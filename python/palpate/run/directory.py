@@ -162,7 +162,7 @@ class RunDirectory:
         """Refuse a folder with something else, or the run of another study file that is still there."""
         check_claimable(self.folder)
         if not adopt and self.exists and not is_kept(self.folder, study.file):
-            refuse_other(self.folder, self.folder / self.manifest()["study_file"], study.file)
+            refuse_other(self.folder, self.folder / self.manifest()["study_file"], study.file, study.name)
 
     def _origin(self, file: Path, before: Iterable[str]) -> str:
         """Path of a file, or of the original of a kept copy, from this folder, with which it may move."""

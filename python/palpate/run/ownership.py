@@ -93,15 +93,18 @@ def is_run(folder: Path) -> bool:
         return False
 
 
-def refuse_other(folder: Path, before: Path, now: Path) -> None:
+def refuse_other(folder: Path, before: Path, now: Path, name: str) -> None:
     """Refuse the run of another study file, which may have the same name, as long as that file is there."""
     try:
         is_other = before.is_file() and now.is_file() and not before.samefile(now)
     except (OSError, ValueError):
         return
     if is_other:
+        other = "name another folder with --out"
+        if folder.name == name:  # not every command has the option
+            other = f"change the name '{name}' under [study]"
         raise StudyError(
-            f"{folder}: holds the run of {before.resolve()}, not of {now}; name another folder with --out, "
+            f"{folder}: holds the run of {before.resolve()}, not of {now}; {other}, "
             f"or continue that run with this study: palpate run {typed(folder)} --study {typed(now)}"
         )
 
