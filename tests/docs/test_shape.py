@@ -18,7 +18,7 @@ ROOT = Path(__file__).parents[2]
 LONGEST_FILE = 500
 LONGEST_FUNCTION = 45
 MOST = {
-    "lines": 78_333,
+    "lines": 78_334,
     "lines of the core": 33_685,
     "classes": 654,
     "constants": 690,

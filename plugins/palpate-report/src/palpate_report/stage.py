@@ -66,8 +66,9 @@ class ReportStage(Stage[ReportSettings]):
         """Write the page of what was found so far, and report the values of a first answer."""
         found = show_so_far(inputs).conclusion
         if first is not None:
-            values = ", ".join(map(equation, found.estimates)) or found.headline
-            inputs.progress.note(f"first answer: {values}; its intervals follow, and it may still change")
+            values = ", ".join(map(equation, found.estimates))
+            said = f"{values}; its intervals follow, and it may still change" if values else found.headline
+            inputs.progress.note(f"first answer: {said}")
 
     def summarise(self, inputs: Run) -> Summary:
         """Summary of the report that was just written."""
