@@ -29,7 +29,7 @@ PUBLISHED = {
     2: "0546410e5aeb8c1d",
     3: "8b1545c8a87cf3c1",
     4: "12420e8218a6eede",
-    5: "a71bc15900491c98",
+    5: "dae185af669f56ed",
 }
 """Digest of all schemas of each version."""
 

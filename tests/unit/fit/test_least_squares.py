@@ -10,6 +10,8 @@ from palpate.fit.least_squares import LeastSquares, LeastSquaresSettings
 from palpate.plugins.search import Evaluation, SearchSpace
 from palpate.testing import Rehearsal
 
+UNITS = {"modulus": "MPa", "shape": "1"}
+
 
 @dataclass
 class Answers:
@@ -35,7 +37,9 @@ class Answers:
         more = {} if self.accepts is None else {"accepts": lambda p: np.array([self.accepts(x) for x in p])}
         space = SearchSpace(
             parameters=tuple(
-                Parameter(name="p", unit="1", lower=lower, upper=upper, kind=kind, description="of a test")
+                Parameter(
+                    name="p", unit=UNITS[kind], lower=lower, upper=upper, kind=kind, description="of a test"
+                )
                 for kind in kinds
             ),
             log=tuple(kind == "modulus" for kind in kinds),

@@ -9,7 +9,7 @@ from polars.testing import assert_frame_equal
 
 from palpate.errors import StoppedError, StudyError
 from palpate.plugins.interfaces import Solver
-from palpate.progress import SILENT
+from palpate.progress import SILENT, Progress
 from palpate.run.directory import RunDirectory
 from palpate.stages import pipeline
 from palpate.stages.core_stages import selected
@@ -93,9 +93,7 @@ def test_a_proof_that_cannot_be_had_is_a_failed_one_and_is_tried_again(
 
 
 def test_a_stop_keeps_what_is_proved(doubting, make_study, plugins, tmp_path):
-    class Impatient:
-        begin = step = note = lambda *_: None
-
+    class Impatient(Progress):
         def should_continue(self):
             return not doubting.asked
 
@@ -105,9 +103,7 @@ def test_a_stop_keeps_what_is_proved(doubting, make_study, plugins, tmp_path):
 
 
 def test_a_stop_keeps_what_an_earlier_run_has_proved(doubting, make_study, plugins, tmp_path):
-    class Gone:
-        begin = step = note = lambda *_: None
-
+    class Gone(Progress):
         def __init__(self, n):
             self.left = iter([True] * n)
 
