@@ -12,6 +12,7 @@ import polars as pl
 
 from palpate.answer.moduli import initial_moduli
 from palpate.answer.words import (
+    NOT,
     UNCLEAR,
     Adequacy,
     mark_of,
@@ -52,6 +53,9 @@ OF_ANSWER = MappingProxyType(
     }
 )
 """The table of the answer."""
+
+IN_FULL = pl.col("^identifiability$").replace("not", NOT)
+"""Words for identifiability, where a table has them, as people read them."""
 
 FIT = "fit"
 """Source of values that a search has found; others are of a set of the sweep."""

@@ -13,6 +13,7 @@ if TYPE_CHECKING:
     )
     from palpate.answer.table import (
         FIT as FIT,
+        IN_FULL as IN_FULL,
         MODULUS as MODULUS,
         PARAMETER as PARAMETER,
         Results as Results,
@@ -21,7 +22,6 @@ if TYPE_CHECKING:
     )
     from palpate.answer.words import (
         EFFECTIVE as EFFECTIVE,
-        NOT as NOT,
         OTHER_RATE as OTHER_RATE,
         REFUSED as REFUSED,
         TIED as TIED,

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Protocol, runtime_checkable
 import numpy as np
 import polars as pl
 
-from palpate.answer.words import NOT
+from palpate.answer.table import IN_FULL
 from palpate.domain import FloatArray, RegionMaterial
 from palpate.domain.material import IsotropicMaterial
 from palpate.errors import MaterialError, PluginError, StudyError
@@ -123,13 +123,12 @@ class SavedRun:
     @property
     def intervals(self) -> pl.DataFrame:
         """A row for each fit, scenario and parameter with its 95 % interval and the word for it; or none."""
-        return self._found.intervals.with_columns(pl.col("identifiability").replace("not", NOT))
+        return self._found.intervals.with_columns(IN_FULL)
 
     @property
     def answer(self) -> pl.DataFrame:
         """A row for each value that is reported, with its ends, verdict, marks and reason."""
-        reported = self.run.answer().filter("reported")
-        return reported.with_columns(pl.col("identifiability").replace("not", NOT))
+        return self.run.answer().filter("reported").with_columns(IN_FULL)
 
     @property
     def scores(self) -> pl.DataFrame:

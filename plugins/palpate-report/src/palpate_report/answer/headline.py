@@ -6,7 +6,7 @@ from dataclasses import replace
 import polars as pl
 
 from palpate.api import ParameterName
-from palpate.api.fit import ALL_SPOTS, FIT, NOT, REFUSED, TIED, UNCLEAR, Adequacy, mark_of, verdict_of
+from palpate.api.fit import ALL_SPOTS, FIT, IN_FULL, REFUSED, TIED, UNCLEAR, Adequacy, mark_of, verdict_of
 from palpate.api.report import rounded
 from palpate_report.answer.model_verdict import model_verdict
 from palpate_report.data.marks import Headline, small_unit, with_unit
@@ -124,12 +124,12 @@ OF_SETS = ("table1_coefficients", "identifiability", "distance_to_truth", "gener
 
 def with_verdicts(data: ReportData, tables: Mapping[str, pl.DataFrame]) -> dict[str, pl.DataFrame]:
     """Tables with a column ``verdict`` where they have values of parameters, and words in full."""
-    verdicts, in_full = Verdicts(data), pl.col("^identifiability$").replace("not", NOT)
+    verdicts = Verdicts(data)
     return {
-        name: table.with_columns(in_full)
+        name: table.with_columns(IN_FULL)
         if name not in (*OF_FITS, *OF_SETS)
         else table.with_columns(
-            in_full,
+            IN_FULL,
             verdict=pl.Series(
                 [_verdict(verdicts, name, row) for row in table.iter_rows(named=True)], dtype=pl.String
             ),
