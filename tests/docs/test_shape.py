@@ -18,8 +18,8 @@ ROOT = Path(__file__).parents[2]
 LONGEST_FILE = 500
 LONGEST_FUNCTION = 45
 MOST = {
-    "lines": 78_334,
-    "lines of the core": 33_685,
+    "lines": 78_331,
+    "lines of the core": 33_684,
     "classes": 654,
     "constants": 690,
     "long files": 0,

@@ -24,7 +24,7 @@ class Fitted:
     Parameters
     ----------
     source : str
-        ``fit``, or ``set 12`` of the sweep.
+        ``fit``, ``first answer``, or ``set 12`` of the sweep.
     fit : str
         Its label in the tables of the fit: ``all spots``, or the only spot.
     values : mapping of name to float

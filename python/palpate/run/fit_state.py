@@ -8,7 +8,7 @@ from palpate.errors import LedgerError
 from palpate.run.atomic_files import write_whole
 from palpate.run.ownership import KEPT, reason
 
-_FILE = "fit.json"
+_FILE, _MARK = "fit.json", "going_on"
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -63,17 +63,17 @@ def read_fit_state(folder: Path) -> FitState | None:
 
 def mark_going_on(folder: Path) -> None:
     """Keep that a whole run has begun here; a run that is stopped or killed leaves the mark."""
-    write_whole(folder / "going_on", b"", durable=False)
+    write_whole(folder / _MARK, b"", durable=False)
 
 
 def mark_ended(folder: Path) -> None:
     """Forget that a whole run has begun here: it has ended."""
-    (folder / "going_on").unlink(missing_ok=True)
+    (folder / _MARK).unlink(missing_ok=True)
 
 
 def is_going_on(folder: Path) -> bool:
     """True if a whole run has begun here and not ended, whether a process runs it or not."""
-    return (folder / "going_on").is_file()
+    return (folder / _MARK).is_file()
 
 
 def remove_fit_state(folder: Path) -> None:

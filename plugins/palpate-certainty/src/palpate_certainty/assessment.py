@@ -246,14 +246,14 @@ class Assessment:
         residuals, jacobian, scaled = points.residuals.copy(), points.jacobian.copy(), dict(columns)
         nothing = whole.residuals_of_nothing()
         point, n_spots = np.tile(points.point, (len(case.spots), 1)), len(case.spots)
-        for site in dict.fromkeys(term.site for term in whole.terms):
-            there = [term for term in whole.terms if term.site == site]
-            numbers = np.flatnonzero([term.site == site for term in whole.terms])
+        sites, parsed = [term.site for term in whole.terms], [*map(ParameterName.parse, whole.names)]
+        for site in dict.fromkeys(sites):
+            numbers = np.flatnonzero([at == site for at in sites])
+            there = [whole.terms[number] for number in numbers]
             alone, rows = whole.restated(there), np.isin(points.rows.spot, numbers)
             found = _nearly_least(alone, [alone.point_of(ends[t.spot], exact=True) for t in there])
             if found is None:
                 return None
-            parsed = map(ParameterName.parse, whole.names)
             here = np.flatnonzero([any(name.counts_at(t.spot) for t in there) for name in parsed])
             own, slopes, point[np.ix_(numbers, here)] = linearised(alone.box, found)
             weight, n = (len(there) / n_spots) ** 0.5, int(rows.sum())

@@ -130,9 +130,8 @@ def _with_error(value: Headline) -> str:
 
 def cut_ends(data: ReportData, estimates: Sequence[Headline]) -> dict[str, str]:
     """Text on each interval that an end of the search range cuts off, by parameter."""
-    found = {}
+    found, ranges = {}, data.searched | data.widened
     for each in estimates:
-        ranges = data.searched | data.widened
         searched = ranges.get(ParameterName.parse(each.name).shared) if each.name else None
         if searched is None or each.lower is None or each.upper is None:
             continue

@@ -79,14 +79,12 @@ def typed(advice: str, data: ReportData) -> str:
     study = file.parent if file.name == "study.toml" else file
     paths = {"run": data.folder.resolve(), "study": study}
     here = Path.cwd()
-    inside = {
-        key: path.relative_to(here) if path.is_relative_to(here) else path for key, path in paths.items()
-    }
-    commands = {key: typed_path(path) for key, path in inside.items()}
-    given = (
-        path.relative_to(here) if path.is_relative_to(here) else path for path in data.study.given_plugins
-    )
-    commands["plugins"] = "".join(f"--plugin {typed_path(path)} " for path in given)
+
+    def from_here(path: Path) -> str:
+        return typed_path(path.relative_to(here) if path.is_relative_to(here) else path)
+
+    commands = {key: from_here(path) for key, path in paths.items()}
+    commands["plugins"] = "".join(f"--plugin {from_here(path)} " for path in data.study.given_plugins)
     return advice.format(file=file.name, **commands)
 
 

@@ -14,6 +14,7 @@ from palpate.api.files import Column, kind_of
 from palpate_indentation.api import CsvLoader, problem_of, units_of
 from palpate_robot_log.processing.contact import place_of_contact
 from palpate_robot_log.reading.names import (
+    ROLES,
     TITLES,
     WORDS,
     Picked,
@@ -370,7 +371,7 @@ def _true_values(along: Picked) -> FloatArray:
 
 def _is_stretch(along: Picked, load: Picked) -> bool:
     """Whether a column is a stretch by its name, and not the strain λ - 1 by its value at rest."""
-    if not {"stretch", "lambda", "streckung"} & {*words_of(along.column.name)}:
+    if not {*ROLES["stretch"].words} & {*words_of(along.column.name)}:
         return False
     values = _true_values(along)
     at_rest = values[np.argmin(np.where(np.isfinite(values), abs(load.column.values), np.inf))]
