@@ -74,7 +74,7 @@ class StoppedError(PalpateError):
 
 
 class FirstAnswerError(StoppedError):
-    """The run has its first answer, and no more was asked for (exit code 0)."""
+    """The run has its first answer, and no more was asked for; :func:`palpate.run_study` ends there."""
 
 
 class NothingSelectableError(PalpateError):

@@ -5,6 +5,7 @@ import re
 from dataclasses import replace
 from pathlib import Path
 
+import jsonschema
 import pytest
 
 from palpate.cli.session import Session
@@ -39,7 +40,7 @@ def test_a_quick_run_stops_at_the_first_answer_and_goes_on_later(call, unswept):
     quick = call("run", unswept, "--quick")
     assert quick.code == 0, quick.err
     first = quick.err.partition("first answer: ")[2].partition("\n")[0]
-    assert re.search(r"= .*; its intervals follow", first)
+    assert re.search(r"= .*; the whole run may change it", first)
     assert not re.search("unclear|effective|refused", first)
     assert "next: palpate " in quick.err
     assert " to " in quick.out.partition("Parameters")[2]  # the ends of an interval
@@ -55,9 +56,11 @@ def test_a_quick_run_stops_at_the_first_answer_and_goes_on_later(call, unswept):
     whole = call("run", RUN, "--json")
     assert whole.code == 0, whole.err
     assert whole.json["n_simulations"] > n_quick
+    assert not whole.json["is_first_answer"]
     assert not any("not ended" in each for each in whole.json["warnings"])
-    stages = [row["stage"] for row in call("status", RUN, "--json").json["cost"]]
-    assert "first answer" in stages
+    status = call("status", RUN, "--json").json
+    assert "first answer" in [row["stage"] for row in status["cost"]]
+    assert not status["is_first_answer"]
     # The page of the whole run stays.
     quick = call("run", RUN, "--quick")
     assert quick.code == 0
@@ -67,16 +70,26 @@ def test_a_quick_run_stops_at_the_first_answer_and_goes_on_later(call, unswept):
     assert (RUN / "intervals.parquet").exists()
 
 
-@pytest.mark.parametrize(
-    ("option", "reason"), [("--json", "prints no JSON"), ("sweep", "fit.search is 'sweep'")]
-)
-def test_a_quick_run_that_cannot_be_is_refused(call, unswept, option, reason):
-    if option == "sweep":
-        with (unswept / "study.toml").open("a") as file:
-            file.write('\n[fit]\nsearch = "sweep"\n')
-    refused = call("run", unswept, "--quick", *([option] if option == "--json" else []))
-    assert (refused.code, reason in refused.err) == (2, True), refused.err
+def test_a_quick_run_without_a_fit_is_refused(call, unswept):
+    with (unswept / "study.toml").open("a") as file:
+        file.write('\n[fit]\nsearch = "sweep"\n')
+    refused = call("run", unswept, "--quick")
+    assert (refused.code, "fit.search is 'sweep'" in refused.err) == (2, True), refused.err
     assert not RUN.exists()
+
+
+def test_json_has_the_first_answer_and_says_so(call, unswept):
+    quick = call("run", unswept, "--quick", "--json")
+    assert quick.code == 0, quick.err
+    jsonschema.validate(quick.json, call("schema", "run").json)
+    assert quick.json["is_first_answer"]
+    (first,) = [row for row in quick.json["intervals"] if row["parameter"] == "k"]
+    assert first["lower"] < first["value"] < first["upper"]
+    status = call("status", RUN, "--json").json
+    jsonschema.validate(status, call("schema", "status").json)
+    assert status["is_first_answer"]
+    assert "first answer" in status["result"]["Conclusion"]
+    assert [row["parameter"] for row in status["intervals"]] == ["rubber.k"]
 
 
 @pytest.mark.parametrize("n_sets", [0, 20])

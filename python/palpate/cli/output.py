@@ -96,12 +96,14 @@ class ModelOutput(Closed):
 class RunOutput(Closed):
     """Result of a run; optional keys are of its report, the most severe of ``warnings`` first.
 
-    ``n_simulations`` counts all that its folder has, as ``palpate status`` does.
+    ``n_simulations`` counts all that its folder has, as ``palpate status`` does. With ``is_first_answer``
+    the run has stopped after its first fit, and has no more results yet.
     """
 
     study: str
     data: str
     folder: str
+    is_first_answer: bool
     n_sets: int
     n_simulations: int
     selection: list[Row]
@@ -141,8 +143,8 @@ class StatusOutput(Closed):
     """Progress of a run; ``states`` counts its simulations by how they ended.
 
     ``n_simulations`` is about, while a fit goes on. ``fit`` is null before a fit begins, and once it has
-    ended; ``result`` has the lines of a finished run, and ``intervals`` its table of that name. ``cost`` is
-    the processor time by stage and work.
+    ended; ``result`` has the lines of a finished run, and ``intervals`` its table of that name. With
+    ``is_first_answer`` both are of the first fit. ``cost`` is the processor time by stage and work.
     """
 
     folder: str
@@ -152,6 +154,7 @@ class StatusOutput(Closed):
     states: dict[str, int]
     seconds_left: Number
     failures: list[Row]
+    is_first_answer: bool
     result: dict[str, str]
     intervals: list[Row]
     fit: FitStateOutput | None

@@ -62,6 +62,7 @@ def run_values(study: "Study", result: "RunResult") -> dict[str, Any]:
         "study": study.name,
         "data": study.data,
         "folder": str(result.folder),
+        "is_first_answer": result.is_first_answer,
         "n_sets": result.design.n_sets,
         "n_simulations": n_simulations(result.folder),
         **{name: getattr(result.selected, name).to_dicts() for name in tables},

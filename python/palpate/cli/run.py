@@ -22,7 +22,7 @@ from palpate.cli.progress import StageProgress
 from palpate.cli.results import run_values, show_summary
 from palpate.cli.runs import original_study
 from palpate.cli.session import Session, run_folder
-from palpate.errors import FirstAnswerError, StudyError, typed
+from palpate.errors import StudyError, typed
 
 if TYPE_CHECKING:
     from palpate.run.manifest import Changed
@@ -109,36 +109,25 @@ def run_and_show(
     from palpate.stages import pipeline
 
     where = folder if fork is None else fork
-    if is_quick and (as_json or study.search.name == "sweep"):
-        why = "prints no JSON" if as_json else "needs a fit, and fit.search is 'sweep'"
-        raise StudyError(f"--quick {why}. The whole run has all of it. Leave out --quick.")
-    try:
-        with StageProgress(session) as progress:
-            result = pipeline.run_study(
-                study,
-                where,
-                session.plugins,
-                progress,
-                forked_from=None if fork is None else folder,
-                trust=trust,
-                adopt=adopt,
-                fit_start=fit_start,
-                is_quick=is_quick,
-                confirm=lambda changed: _confirm(session, changed, folder, sure=go_on or fork is not None),
-            )
-    except FirstAnswerError:
-        _show_first_answer(session, where)
-        return
+    if is_quick and study.search.name == "sweep":
+        raise StudyError("--quick needs a fit, and fit.search is 'sweep'. Leave out --quick.")
+    with StageProgress(session) as progress:
+        result = pipeline.run_study(
+            study,
+            where,
+            session.plugins,
+            progress,
+            forked_from=None if fork is None else folder,
+            trust=trust,
+            adopt=adopt,
+            fit_start=fit_start,
+            is_quick=is_quick,
+            confirm=lambda changed: _confirm(session, changed, folder, sure=go_on or fork is not None),
+        )
     values = run_values(study, result) if as_json else None
     show_summary(session, result.summary, progress, tables=tables, values=values)
-
-
-def _show_first_answer(session: Session, folder: Path) -> None:
-    from palpate.run.directory import RunDirectory
-
-    for label, text in RunDirectory(folder).result().items():
-        session.labelled(label, text)
-    session.next("run {folder}", folder=folder)
+    if result.is_first_answer and not as_json:
+        session.next("run {folder}", folder=where)
 
 
 def _confirm(session: Session, changed: "Changed", folder: Path, *, sure: bool) -> None:

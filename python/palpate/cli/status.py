@@ -117,6 +117,7 @@ def _as_json(seen: "RunStatus") -> "StatusOutput":
         "states": dict(seen.states),
         "seconds_left": seen.seconds_left,
         "failures": seen.failures.to_dicts(),
+        "is_first_answer": seen.is_first_answer,
         "result": dict(seen.result),
         "cost": seen.cost.to_dicts(),
         "intervals": [dict(row) for row in seen.intervals],

@@ -9,7 +9,7 @@ import polars as pl
 from palpate.answer.table import OF_ANSWER
 from palpate.domain import FINE, Design, weighed_phases
 from palpate.domain.curves import abscissae_of
-from palpate.errors import FirstAnswerError, PalpateError, StoppedError, StudyError, typed
+from palpate.errors import FirstAnswerError, PalpateError, StoppedError, StudyError
 from palpate.experiment.measured import load_measured
 from palpate.fit.searches import BestSet
 from palpate.fit.stage import Case, FitStage
@@ -397,9 +397,7 @@ def show_first_answer(inputs: Run, case: Case) -> None:
         files = {f"first_answer/{name}": table for name, table in tables.items()}
         inputs.directory.write_stage(FIRST_ANSWER, files, inputs.made_from(inputs.stages["fit"]))
     if inputs.is_quick:
-        raise FirstAnswerError(
-            f"stopped after the first answer; `palpate run {typed(inputs.directory.folder)}` goes on"
-        )
+        raise FirstAnswerError("stopped after the first answer")
 
 
 def _fit_stage(inputs: Run, simulations: Simulations) -> FitStage:

@@ -50,7 +50,7 @@ class RunResult:
     """Everything a run found.
 
     ``summary`` is the summary of its last stage, and ``report`` all that it has left in
-    memory for others; None where it has left nothing.
+    memory for others; None where it has left nothing. ``is_first_answer`` is True if the run stopped there.
     """
 
     folder: Path
@@ -62,6 +62,7 @@ class RunResult:
     fit: FitResult
     summary: Summary = field(default_factory=Summary)
     report: Any = None
+    is_first_answer: bool = False
 
     def __repr__(self) -> str:
         chosen = self.selected.selection.height
@@ -149,8 +150,6 @@ def run_study(
 
     Raises
     ------
-    FirstAnswerError
-        Only the first answer was asked for, and it is there.
     PalpateError
         Something in the input is wrong; nothing has been written.
     NothingSelectableError
@@ -192,17 +191,20 @@ def run_study(
 
 def _made(run: Run, inputs: StudyInputs, wanted: Sequence[Stage], made_from: Mapping[str, str]) -> RunResult:
     """Result of all stages, made in turn, and again where a later one asks for it."""
-    folder = run.directory.folder
-    for i, stage in enumerate(wanted):
-        if stage.comes_last:
-            remove_fit_state(folder)
-        run.expect(wanted[i:])
-        _make(run, stage, made_from if stage.name == "experiment" else None)
-        if stage.needs:
-            run = _again(run, stage, wanted)
-    remove_fit_state(folder)
+    folder, is_first_answer = run.directory.folder, False
+    try:
+        for i, stage in enumerate(wanted):
+            if stage.comes_last:
+                remove_fit_state(folder)
+            run.expect(wanted[i:])
+            _make(run, stage, made_from if stage.name == "experiment" else None)
+            if stage.needs:
+                run = _again(run, stage, wanted)
+        remove_fit_state(folder)
+        mark_ended(folder)
+    except FirstAnswerError:
+        is_first_answer = True
     run.spent.write()
-    mark_ended(folder)
     return RunResult(
         folder=folder,
         measured=inputs.measured,
@@ -213,6 +215,7 @@ def _made(run: Run, inputs: StudyInputs, wanted: Sequence[Stage], made_from: Map
         fit=run.fit(),
         summary=wanted[-1].summarise(run),
         report=run.shared.get(wanted[-1].name),
+        is_first_answer=is_first_answer,
     )
 
 
@@ -221,8 +224,6 @@ def _showing_so_far(run: Run, wanted: Sequence[Stage]) -> Iterator[None]:
     """Let the stages show what a run has found so far where the user stops it."""
     try:
         yield
-    except FirstAnswerError:
-        raise
     except (StoppedError, KeyboardInterrupt):
         with contextlib.suppress(PalpateError):  # nothing to show
             for stage in wanted:

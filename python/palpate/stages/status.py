@@ -14,6 +14,7 @@ from palpate.run.directory import RunDirectory
 from palpate.run.fit_state import FitState, is_going_on, read_fit_state
 from palpate.run.ledger import Ledger
 from palpate.run.lock import Runner, living_runner_of
+from palpate.run.result import FIRST_ANSWER
 from palpate.scoring import selection
 from palpate.simulation.processor_time import processor_time
 
@@ -38,9 +39,11 @@ class RunStatus:
         How far the fit is; None before it begins, and once it has ended.
     result : mapping of label to str
         Lines with which the run ended: conclusion, parameters, warnings, what to do next, and the page. Empty
-        while it goes on.
+        while it goes on without a first answer.
     intervals : sequence of mapping
-        Rows of the table ``intervals`` of a finished run.
+        Rows of the table ``intervals`` of a finished run, or of its first answer.
+    is_first_answer : bool
+        Whether ``result`` and ``intervals`` are of the first fit of a run that has not ended.
     has_ended : bool
         Whether the last whole run in the folder has ended; True where its stages were run one by one.
     cost : DataFrame
@@ -56,6 +59,7 @@ class RunStatus:
     fit: FitState | None
     result: Mapping[str, str] = field(default_factory=dict)
     intervals: Sequence[Mapping[str, Any]] = ()
+    is_first_answer: bool = False
     has_ended: bool = True
     cost: pl.DataFrame = field(default_factory=pl.DataFrame)
 
@@ -83,7 +87,9 @@ def status(folder: Path) -> RunStatus:
     n_to_do = n_left + ((state and state.n_left) or 0)
     has_ended = not is_going_on(folder)
     is_ended = has_ended and runner is None and not n_left and state is None
-    pace = _seconds_left(rows, n_left, runner)
+    lines, pace = run.result(), _seconds_left(rows, n_left, runner)
+    is_first = bool(lines) and not is_ended and run.records.is_current(FIRST_ANSWER)
+    is_known = is_ended or is_first
     return RunStatus(
         folder=folder,
         runner=runner,
@@ -92,17 +98,18 @@ def status(folder: Path) -> RunStatus:
         seconds_left=pace if state is None or runner is None else state.seconds_left,
         failures=failures(rows),
         fit=state,
-        result=run.result() if is_ended else {},
-        intervals=_intervals(run) if is_ended else [],
+        result=lines if is_known else {},
+        intervals=_intervals(run, is_first=is_first) if is_known else [],
+        is_first_answer=is_first,
         has_ended=has_ended,
         cost=processor_time(folder),
     )
 
 
-def _intervals(run: RunDirectory) -> list[dict[str, Any]]:
+def _intervals(run: RunDirectory, *, is_first: bool) -> list[dict[str, Any]]:
     """Rows of the intervals of a run; empty where there are none that can be read."""
     try:
-        return run.table("intervals").to_dicts()
+        return run.table("first_answer/intervals" if is_first else "intervals").to_dicts()
     except StudyError:
         return []
 

@@ -64,10 +64,10 @@ class ReportStage(Stage[ReportSettings]):
 
     def show_so_far(self, inputs: Run, first: Case | None = None) -> None:
         """Write the page of what was found so far, and report the values of a first answer."""
-        found = show_so_far(inputs).conclusion
+        report = inputs.shared[self.name] = show_so_far(inputs)
         if first is not None:
-            values = ", ".join(map(equation, found.estimates))
-            said = f"{values}; its intervals follow, and it may still change" if values else found.headline
+            values = ", ".join(map(equation, report.conclusion.estimates))
+            said = f"{values}; the whole run may change it" if values else report.conclusion.headline
             inputs.progress.note(f"first answer: {said}")
 
     def summarise(self, inputs: Run) -> Summary:
