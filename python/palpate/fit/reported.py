@@ -9,7 +9,7 @@ from dataclasses import replace
 
 import polars as pl
 
-from palpate.domain import FloatArray, Simulation, weighed_phases
+from palpate.domain import FloatArray, Response, Simulation, weighed_phases
 from palpate.fit.problem import Problem
 from palpate.fit.spot_term import NotRankedError, SpotTerm, along_slopes, is_along_slopes
 from palpate.fit.stage import Case
@@ -31,7 +31,7 @@ def reported_fits(
         Fits that have a result, and the reported values of each, in the order of its problem.
     """
     phases = weighed_phases(case.scenario for case, _ in cases)
-    rows, curves = [], {}
+    rows, curves = [], dict[tuple[str, str, str], Response]()
     for case, at in cases:
         found = []
         try:
@@ -48,7 +48,7 @@ def reported_fits(
             key = (case.label, case.scenario.name, term.spot)
             rows.append(dict(zip(FIT_KEYS, key, strict=True)) | errors_at(term, values, phases))
             curves[key] = measured_like(term, values)
-    return pl.DataFrame(rows, infer_schema_length=None), curves_of(curves)
+    return pl.DataFrame(rows, infer_schema_length=None), curves_of(curves.items())
 
 
 def _at_values(case: Case, at: FloatArray) -> Iterator[tuple[SpotTerm, SpotInputs, Simulation]]:

@@ -329,7 +329,6 @@ def measured_files(measured: Mapping[str, Response]) -> Files:
 
 def design_files(design: Design) -> Files:
     """Files of a design: set_id and a column per parameter, and how it was drawn."""
-    columns = {p.name: design.values[:, i] for i, p in enumerate(design.parameters)}
     about = {
         "seed": design.seed,
         "n_drawn": design.n_drawn,
@@ -337,7 +336,13 @@ def design_files(design: Design) -> Files:
         "parameters": [finite(asdict(p)) for p in design.parameters],
         **({} if (first := design.earlier_first) is None else {"earlier_first": first.tolist()}),
     }
-    return {"design": pl.DataFrame({"set_id": np.arange(design.n_sets), **columns}), "design.json": about}
+    return {"design": design_frame(design), "design.json": about}
+
+
+def design_frame(design: Design) -> pl.DataFrame:
+    """Sets of a design as rows: set_id and a column per parameter."""
+    columns = {p.name: design.values[:, i] for i, p in enumerate(design.parameters)}
+    return pl.DataFrame({"set_id": np.arange(design.n_sets), **columns})
 
 
 def _design(frame: pl.DataFrame, about: Mapping[str, Any]) -> Design:

@@ -1,7 +1,7 @@
 """Results as files: curves as rows of a table."""
 
 import io
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping, Sequence
 from typing import Any
 
 import polars as pl
@@ -49,15 +49,17 @@ FIT_KEYS = ("fit", "scenario", "spot")
 """Columns that name a fit at a spot."""
 
 
-def curves_of(responses: Mapping[tuple[str, str, str], Response]) -> pl.DataFrame:
-    """Curves by fit, scenario and spot as rows of one table: the inverse of :func:`responses_of`."""
+def curves_of(
+    responses: Iterable[tuple[tuple[str | None, ...], Response]], keys: Sequence[str] = FIT_KEYS
+) -> pl.DataFrame:
+    """Curves by the values of some columns, as rows of one table: the inverse of :func:`responses_of`."""
     frames = [
         frame_of(response).select(
-            *(pl.lit(part).alias(name) for name, part in zip(FIT_KEYS, key, strict=True)), pl.all()
+            *(pl.lit(part, pl.String).alias(name) for name, part in zip(keys, key, strict=True)), pl.all()
         )
-        for key, response in responses.items()
+        for key, response in responses
     ]
-    return pl.concat(frames) if frames else pl.DataFrame()
+    return pl.concat(frames, how="diagonal") if frames else pl.DataFrame()
 
 
 def responses_of(curves: pl.DataFrame) -> dict[tuple[str, str, str], Response]:

@@ -41,141 +41,118 @@ ERRORS = "nmse_CHANNEL and r2_CHANNEL for each channel."
 
 DECLARED: Mapping[str, Mapping[str, StageTable]] = MappingProxyType(
     {
-        "experiment": (
-            {
-                "measured": StageTable(
-                    "Points of the measured curves of each spot.",
-                    common("channel", "point", "abscissa", "ordinate"),
-                )
-            }
-        ),
-        "sample": ({"design": StageTable("Parameters of each set.", common("set_id"), SEARCHED)}),
-        "score": (
-            {
-                "scores": StageTable(
-                    "Misfit of each set at each spot in each channel.",
-                    {
-                        **common("spot", "set_id", "channel"),
-                        "nmse": TableColumn(
-                            "Misfit by the study's score, NMSE by itself; null for a set without a rank."
-                        ),
-                        "r2": TableColumn("Coefficient of determination R²."),
-                        "coverage": TableColumn(
-                            "Share of the measured weight that the simulated curve reaches."
-                        ),
-                        **common("status"),
-                        **common("message"),
-                    },
-                )
-            }
-        ),
-        "select": (
-            {
-                "selection": StageTable(
-                    "Set with the least Fopt by spot and scenario.",
-                    common("spot", "scenario", "set_id", "fopt"),
-                    f"{ERRORS} {SEARCHED}",
-                ),
-                "generalisation": StageTable(
-                    "Set with the least mean Fopt over the spots, a row for each spot.",
-                    {
-                        **common("spot", "scenario", "set_id", "fopt"),
-                        "fopt_mean": TableColumn("Mean of Fopt over the spots."),
-                        "fopt_sd": TableColumn("Standard deviation of Fopt over the spots."),
-                    },
-                    f"{ERRORS} {SEARCHED}",
-                ),
-            }
-        ),
-        "verify": (
-            {
-                "verification": StageTable(
-                    "Verification of each selected set.",
-                    {
-                        **common("spot", "set_id"),
-                        "passed": TableColumn("True if the solver's answer was verified.", pl.Boolean),
-                        **common("message"),
-                        "key": TableColumn(
-                            "Key of the verification; empty where it is tried again.", pl.String
-                        ),
-                    },
-                    "The solver's figures.",
-                )
-            }
-        ),
-        "fit": (
-            {
-                "fit": StageTable(
-                    "End of each search, a row for each fit, scenario and spot.",
-                    {
-                        **common("fit", "scenario", "spot", "fopt"),
-                        "n_evaluations": TableColumn("Evaluations of the searches.", pl.Int64),
-                        "n_fine": TableColumn("Simulations of finer meshes.", pl.Int64),
-                        "n_runs": TableColumn(
-                            "Other simulations that no fit before had asked for.", pl.Int64
-                        ),
-                        "at_bound": TableColumn("Parameters at an end of their range.", pl.String),
-                        "message": TableColumn("Reason why the search ended.", pl.String),
-                    },
-                    f"{ERRORS} {SEARCHED}",
-                ),
-                "fit_trace": StageTable(
-                    "Every evaluation of the searches.",
-                    {
-                        **common("fit", "scenario"),
-                        "search": TableColumn("Number of the search.", pl.Int64),
-                        "correction": TableColumn(
-                            "Number of the correction by finer meshes; 0 for the first.", pl.Int64
-                        ),
-                        "step": TableColumn("Number of the evaluation.", pl.Int64),
-                        "n_runs": TableColumn("Simulations by then.", pl.Int64),
-                        "fopt": TableColumn("Fopt; null where the evaluation failed."),
-                        "objective": TableColumn("Fopt with priors."),
-                        **common("message"),
-                    },
-                    SEARCHED,
-                ),
-                "fit_mesh": StageTable(
-                    "Correction of each parameter by finer meshes.",
-                    {
-                        **common("fit", "scenario"),
-                        **common("parameter"),
-                        "coarse": TableColumn(
-                            "Value by the coarse meshes alone.", unit="unit of the parameter"
-                        ),
-                        "corrected": TableColumn(
-                            "Value extrapolated to no mesh error.", unit="unit of the parameter"
-                        ),
-                    },
-                ),
-                "fine_meshes": StageTable(
-                    "Meshes that were refined.",
-                    {
-                        **common("spot"),
-                        "edge_mm": TableColumn("Longest edge under the indenter.", unit="mm"),
-                        "n_nodes": TableColumn("Number of nodes.", pl.Int64),
-                    },
-                ),
-                "fit_curves": StageTable(
-                    "Curves where each search ended.",
-                    common("fit", "scenario", "spot", "channel", "point", "abscissa", "ordinate"),
-                ),
-            }
-        ),
-        "surface": (
-            {
-                "surface": StageTable(
-                    "Simulation that has the states of the skin, by spot.",
-                    {
-                        **common("spot", "scenario"),
-                        "source": TableColumn("'fit', or the set of the sweep.", pl.String),
-                        "key": TableColumn("Key of the simulation in the ledger.", pl.String),
-                        **common("status"),
-                        **common("message"),
-                    },
-                )
-            }
-        ),
+        "experiment": {
+            "measured": StageTable(
+                "Points of the measured curves of each spot.",
+                common("channel", "point", "abscissa", "ordinate"),
+            )
+        },
+        "sample": {"design": StageTable("Parameters of each set.", common("set_id"), SEARCHED)},
+        "score": {
+            "scores": StageTable(
+                "Misfit of each set at each spot in each channel.",
+                {
+                    **common("spot", "set_id", "channel"),
+                    "nmse": TableColumn(
+                        "Misfit by the study's score, NMSE by itself; null for a set without a rank."
+                    ),
+                    "r2": TableColumn("Coefficient of determination R²."),
+                    "coverage": TableColumn("Share of the measured weight that the simulated curve reaches."),
+                    **common("status", "message"),
+                },
+            )
+        },
+        "select": {
+            "selection": StageTable(
+                "Set with the least Fopt by spot and scenario.",
+                common("spot", "scenario", "set_id", "fopt"),
+                f"{ERRORS} {SEARCHED}",
+            ),
+            "generalisation": StageTable(
+                "Set with the least mean Fopt over the spots, a row for each spot.",
+                {
+                    **common("spot", "scenario", "set_id", "fopt"),
+                    "fopt_mean": TableColumn("Mean of Fopt over the spots."),
+                    "fopt_sd": TableColumn("Standard deviation of Fopt over the spots."),
+                },
+                f"{ERRORS} {SEARCHED}",
+            ),
+        },
+        "verify": {
+            "verification": StageTable(
+                "Verification of each selected set.",
+                {
+                    **common("spot", "set_id"),
+                    "passed": TableColumn("True if the solver's answer was verified.", pl.Boolean),
+                    **common("message"),
+                    "key": TableColumn("Key of the verification; empty where it is tried again.", pl.String),
+                },
+                "The solver's figures.",
+            )
+        },
+        "fit": {
+            "fit": StageTable(
+                "End of each search, a row for each fit, scenario and spot.",
+                {
+                    **common("fit", "scenario", "spot", "fopt"),
+                    "n_evaluations": TableColumn("Evaluations of the searches.", pl.Int64),
+                    "n_fine": TableColumn("Simulations of finer meshes.", pl.Int64),
+                    "n_runs": TableColumn("Other simulations that no fit before had asked for.", pl.Int64),
+                    "at_bound": TableColumn("Parameters at an end of their range.", pl.String),
+                    "message": TableColumn("Reason why the search ended.", pl.String),
+                },
+                f"{ERRORS} {SEARCHED}",
+            ),
+            "fit_trace": StageTable(
+                "Every evaluation of the searches.",
+                {
+                    **common("fit", "scenario"),
+                    "search": TableColumn("Number of the search.", pl.Int64),
+                    "correction": TableColumn(
+                        "Number of the correction by finer meshes; 0 for the first.", pl.Int64
+                    ),
+                    "step": TableColumn("Number of the evaluation.", pl.Int64),
+                    "n_runs": TableColumn("Simulations by then.", pl.Int64),
+                    "fopt": TableColumn("Fopt; null where the evaluation failed."),
+                    "objective": TableColumn("Fopt with priors."),
+                    **common("message"),
+                },
+                SEARCHED,
+            ),
+            "fit_mesh": StageTable(
+                "Correction of each parameter by finer meshes.",
+                {
+                    **common("fit", "scenario", "parameter"),
+                    "coarse": TableColumn("Value by the coarse meshes alone.", unit="unit of the parameter"),
+                    "corrected": TableColumn(
+                        "Value extrapolated to no mesh error.", unit="unit of the parameter"
+                    ),
+                },
+            ),
+            "fine_meshes": StageTable(
+                "Meshes that were refined.",
+                {
+                    **common("spot"),
+                    "edge_mm": TableColumn("Longest edge under the indenter.", unit="mm"),
+                    "n_nodes": TableColumn("Number of nodes.", pl.Int64),
+                },
+            ),
+            "fit_curves": StageTable(
+                "Curves where each search ended.",
+                common("fit", "scenario", "spot", "channel", "point", "abscissa", "ordinate"),
+            ),
+        },
+        "surface": {
+            "surface": StageTable(
+                "Simulation that has the states of the skin, by spot.",
+                {
+                    **common("spot", "scenario"),
+                    "source": TableColumn("'fit', or the set of the sweep.", pl.String),
+                    "key": TableColumn("Key of the simulation in the ledger.", pl.String),
+                    **common("status", "message"),
+                },
+            )
+        },
     }
 )
 """Tables of the core by stage."""

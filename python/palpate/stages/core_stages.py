@@ -431,5 +431,5 @@ def fit_files(cases: Sequence[Case], inputs: Run) -> Files:
 
 def fit_tables(found: FitResult) -> dict[str, pl.DataFrame]:
     """Tables of a search by name."""
-    curves = curves_of(found.responses)
+    curves = curves_of(found.responses.items())
     return {"fit": found.table, "fit_trace": found.trace, "fit_mesh": found.mesh, "fit_curves": curves}

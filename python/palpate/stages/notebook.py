@@ -22,11 +22,11 @@ from palpate.fit.spot_term import Correction, SpotTerm, term_of
 from palpate.limb.loading import load_limbs
 from palpate.plugins.catalogue import Plugins
 from palpate.progress import SILENT, Progress
-from palpate.run.directory import RunDirectory
+from palpate.run.directory import RunDirectory, design_frame
 from palpate.run.lock import locked
 from palpate.run.ownership import claim, writing_in
 from palpate.run.result import ALL_SPOTS
-from palpate.run.result_files import frame_of, response_of
+from palpate.run.result_files import curves_of, frame_of, response_of
 from palpate.sampling.study_design import draw_study
 from palpate.scoring import scores as scoring, selection
 from palpate.scoring.generalisation import generalise as generalise_design
@@ -59,8 +59,7 @@ def measure(study: Study, plugins: Plugins | None = None) -> pl.DataFrame:
     """
     measured = load_measured(study, (plugins or Plugins.load(study.plugin_files)).channels)
     scoring.check_scorable(measured, study.scoring, study.scenarios)
-    frames = [frame_of(response).with_columns(spot=pl.lit(spot)) for spot, response in measured.items()]
-    return pl.concat(frames, how="diagonal").select("spot", pl.exclude("spot"))
+    return curves_of((((spot,), response) for spot, response in measured.items()), ["spot"])
 
 
 def sample(study: Study) -> pl.DataFrame:
@@ -76,9 +75,7 @@ def sample(study: Study) -> pl.DataFrame:
     ------
     SamplingError
     """
-    design = draw_study(study)
-    columns = {p.name: design.values[:, k] for k, p in enumerate(design.parameters)}
-    return pl.DataFrame({"set_id": np.arange(design.n_sets), **columns})
+    return design_frame(draw_study(study))
 
 
 def simulate(
@@ -333,17 +330,18 @@ def _responses(measured: pl.DataFrame) -> dict[str, Response]:
 
 
 def _frame_of(each: Simulation, set_id: int) -> pl.DataFrame:
-    no_curve = {"channel": pl.String, "point": pl.Int64, "abscissa": pl.Float64, "ordinate": pl.Float64}
-    curves = pl.DataFrame([[None] * 4], schema=no_curve, orient="row")
-    if each.response is not None and list(each.response):
-        curves = frame_of(each.response)
-    return curves.with_columns(
-        spot=pl.lit(each.job.spot),
-        set_id=pl.lit(set_id, pl.Int64),
-        status=pl.lit(each.status.value),
-        message=pl.lit(each.message),
-        seconds=pl.lit(each.seconds),
-    ).select(_SIMULATED)
+    curves = frame_of(each.response or Response(curves={}))
+    return (
+        (curves if curves.height else curves.clear(1))
+        .with_columns(
+            spot=pl.lit(each.job.spot),
+            set_id=pl.lit(set_id, pl.Int64),
+            status=pl.lit(each.status.value),
+            message=pl.lit(each.message),
+            seconds=pl.lit(each.seconds),
+        )
+        .select(_SIMULATED)
+    )
 
 
 def _simulations(simulated: pl.DataFrame) -> Iterator[Simulation]:

@@ -19,7 +19,7 @@ from palpate.plugins.catalogue import Plugins
 from palpate.run.directory import RunDirectory
 from palpate.run.kept_inputs import study_file
 from palpate.run.result import FitResult
-from palpate.run.result_files import frame_of
+from palpate.run.result_files import curves_of
 from palpate.stages.stage import Run, read_run
 from palpate.study.reading import Study, read_study
 
@@ -143,17 +143,16 @@ class SavedRun:
         channel, point, abscissa and ordinate, in the units of the channel. Fits to one spot alone are left
         out where there is a joint one.
         """
-        labels = {"source": pl.lit("measured"), "scenario": pl.lit(None, pl.String)}
-        measured = self.run.measured.items()
-        frames = [frame_of(each).with_columns(spot=pl.lit(spot), **labels) for spot, each in measured]
-        fitted = self._found.curves
+        fitted, keys = self._found.curves, ("spot", "source", "scenario")
         joint = {scenario: fit for fit, scenario, spot in fitted if fit != spot}
-        for (fit, scenario, spot), response in fitted.items():
-            if joint.get(scenario, fit) == fit:
-                labels = {"spot": pl.lit(spot), "source": pl.lit("fitted"), "scenario": pl.lit(scenario)}
-                frames.append(frame_of(response).with_columns(**labels))
-        order = ["spot", "source", "scenario", "channel", "point", "abscissa", "ordinate"]
-        return pl.concat(frames, how="diagonal").select(order)
+        measured = (((spot, "measured", None), response) for spot, response in self.run.measured.items())
+        shown = (
+            ((spot, "fitted", scenario), response)
+            for (fit, scenario, spot), response in fitted.items()
+            if joint.get(scenario, fit) == fit
+        )
+        found = curves_of((*measured, *shown), keys)
+        return found.select(*keys, "channel", "point", "abscissa", "ordinate")
 
     def material(self, region: str | None = None, *, spot: str | None = None) -> FittedMaterial:
         """Material of a region with the values of :attr:`headline`.
