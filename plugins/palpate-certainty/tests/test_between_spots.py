@@ -82,8 +82,8 @@ def test_budget_combinations_and_plans_have_the_intervals_of_the_mean(assessed_w
 
 def fit_of(scenario, between):
     case = SimpleNamespace(scenario=SimpleNamespace(name=scenario), label=ALL_SPOTS)
-    end = SimpleNamespace(problem=None)
-    return SimpleNamespace(case=case, errors=SimpleNamespace(between=between), end=end)
+    end, missed = SimpleNamespace(problem=None), np.zeros(1)
+    return SimpleNamespace(case=case, errors=SimpleNamespace(between=between), end=end, missed=missed)
 
 
 @pytest.fixture
@@ -95,9 +95,8 @@ def sampling(monkeypatch):
     methods = {
         "_first_runs": lambda *_: None,
         "_sampled": lambda _, each, __: each,
-        "_converged": lambda _, each, __: each,
+        "_converged": lambda _, each: each,
         "_profiles": lambda *_: ([], []),
-        "error": lambda *_: 0.0,
     }
     for name, method in methods.items():
         monkeypatch.setattr(PosteriorSampling, name, method)

@@ -8,9 +8,9 @@ from scipy.optimize import lsq_linear
 
 from palpate.domain import Scenario
 from palpate_certainty.assessment import Assessment
-from palpate_certainty.emulated_curves import EmulatedCurves, SimulatedCurves
+from palpate_certainty.emulated_curves import EmulatedCurves, EmulatedProblem, SimulatedCurves
 from palpate_certainty.emulator import GaussianProcess
-from palpate_certainty.profiles import KNOWN, N_EVEN, EmulatedObjective, fitted
+from palpate_certainty.profiles import KNOWN, N_EVEN, fitted, least_fopt, planes_of_fits
 from palpate_materials.uncoupled import Ogden
 
 SCENARIOS = tuple(
@@ -65,7 +65,7 @@ def fit(pressed, stage_of):
     cases = stage.run()
     assessed = certainty.assessed(cases)
     n_simulated = len(stage.simulations.known)
-    planes = certainty.profile_planes(assessed, stage.design, ())
+    planes = planes_of_fits(assessed, stage.design, (), main=study.generalise_by)
     assert len(stage.simulations.known) == n_simulated
     return assessed, planes
 
@@ -104,16 +104,13 @@ def test_less_is_known_far_from_all_runs_and_nothing_is_claimed_there(fit, monke
     simulated = SimulatedCurves(end.problem, ["force", "torque"])
     near = np.clip(end.best.point + 0.02 * np.array([[0.0, 0.0], [1.0, 0.0], [0.0, 1.0]]), 0.0, 1.0)
     curves = EmulatedCurves(simulated, simulated.runs(near, slopes=True))
-    objective = EmulatedObjective(
-        problem=end.problem, curves=curves, fitted=end.problem.box.values(end.best.point)
-    )
+    box = end.problem.box
+    density = EmulatedProblem(end.problem, simulated, box.values(end.best.point), emulated=curves)
     points = np.stack([end.best.point, [1.0, 1.0]])
-    near, far = objective.unknown(points)
+    near, far = density.unknown(box.values(points))
     assert far > 1e3 * near
     monkeypatch.setattr(
-        EmulatedObjective,
-        "unknown",
-        lambda self, at: [0.0, 2.0 * KNOWN] * (objective.residuals(at) ** 2).sum(axis=1),
+        density, "unknown", lambda at: [0.0, 2.0 * KNOWN] * (density.residuals(at) ** 2).sum(axis=1)
     )
-    known = np.isfinite(objective.least(points, np.zeros(2, dtype=bool)))
+    known = np.isfinite(least_fopt(density, points, np.zeros(2, dtype=bool)))
     np.testing.assert_array_equal(known, [True, False])

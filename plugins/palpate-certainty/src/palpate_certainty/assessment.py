@@ -11,7 +11,6 @@ import polars as pl
 
 from palpate.api import (
     SILENT,
-    Design,
     FloatArray,
     Limb,
     PalpateError,
@@ -19,7 +18,6 @@ from palpate.api import (
     Progress,
     Response,
     ScoringError,
-    Simulation,
 )
 from palpate.api.executors import StoppedError
 from palpate.api.fit import (
@@ -49,7 +47,6 @@ from palpate_certainty.likeliest import likeliest
 from palpate_certainty.linear_problem import LinearProblem, errors_of, linearised
 from palpate_certainty.mesh_error import SpotMesh, is_stated
 from palpate_certainty.noise_model import ResidualLayout, layout_of
-from palpate_certainty.profiles import planes_of_fits
 from palpate_certainty.tables import Assessed, certainty_tables, most_likely
 
 
@@ -97,14 +94,6 @@ class Assessment:
                 with self.noting(f"intervals for {case.label}, scenario {case.scenario.name}"):
                     found.append(self.assess(case, columns, failures, found[0], ended))
         return sorted(found, key=lambda each: ended.index(each.case))
-
-    def profile_planes(
-        self, assessed: Sequence[Assessed], design: Design, swept: Sequence[Simulation]
-    ) -> pl.DataFrame:
-        """Fopt of the joint fits in the planes of the parameters; empty where there is no emulator."""
-        with self.noting("contours of Fopt"):
-            return planes_of_fits(assessed, design, swept, main=self.study.generalise_by)
-        return pl.DataFrame()
 
     @contextmanager
     def noting(self, what: str) -> Iterator[Self]:

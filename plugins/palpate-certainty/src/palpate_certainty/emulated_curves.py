@@ -182,6 +182,8 @@ class EmulatedProblem:
         Values where the fit has ended.
     white : (m, n) array, optional
         From the residuals of the problem to independent ones of variance 1, as they are by default.
+    emulated : EmulatedCurves, optional
+        Gives ordinates where none are given.
     """
 
     def __init__(
@@ -190,8 +192,9 @@ class EmulatedProblem:
         curves: SimulatedCurves,
         fitted: FloatArray,
         white: FloatArray | None = None,
+        emulated: EmulatedCurves | None = None,
     ) -> None:
-        self.problem, self.curves, self._fitted = problem, curves, fitted
+        self.problem, self.curves, self.emulated, self._fitted = problem, curves, emulated, fitted
         self._white = np.eye(problem.n_points) if white is None else white
         self._changes = {
             (term.spot, channel): self._linear(term, correction)
@@ -199,9 +202,12 @@ class EmulatedProblem:
             for channel, correction in term.corrections.items()
         }
 
-    def residuals(self, values: FloatArray, ordinates: FloatArray) -> FloatArray:
+    def residuals(self, values: FloatArray, ordinates: FloatArray | None = None) -> FloatArray:
         """Residuals (k, n) at values (k, n_parameters) with ordinates (k, n_ordinates), without priors."""
         parts, terms = [], self.problem.terms
+        if ordinates is None:
+            assert self.emulated is not None
+            ordinates = self.emulated(values)
         for term, name, _, _ in pieces(terms):
             channel = channel_of(name)
             here = ordinates[:, self.curves.places[term.spot, channel]]
@@ -211,7 +217,7 @@ class EmulatedProblem:
             parts.append(term.of_ordinates(name, here, len(terms))[:, term.counted(name)])
         return np.concatenate(parts, axis=1)
 
-    def white(self, values: FloatArray, ordinates: FloatArray) -> FloatArray:
+    def white(self, values: FloatArray, ordinates: FloatArray | None = None) -> FloatArray:
         """Independent residuals (k, m) at values (k, n_parameters) with these ordinates (k, n_ordinates)."""
         of_priors = [
             self.problem.noise * (values[:, i] - p.prior.value) / p.prior.sd
@@ -221,9 +227,18 @@ class EmulatedProblem:
         white: FloatArray = np.column_stack([self.residuals(values, ordinates), *of_priors]) @ self._white.T
         return white
 
-    def misfit(self, values: FloatArray, ordinates: FloatArray) -> FloatArray:
+    def misfit(self, values: FloatArray, ordinates: FloatArray | None = None) -> FloatArray:
         """−2 log (k,) of the posterior density, which is even in the coordinates of the box by itself."""
         found: FloatArray = (self.white(values, ordinates) ** 2).sum(axis=1)
+        return found
+
+    def unknown(self, values: FloatArray) -> FloatArray:
+        """Variance (k,) of what the emulator does not know at values (k, n_parameters), as a part of Fopt."""
+        assert self.emulated is not None
+        variance, found = self.emulated.variance(values), np.zeros(len(values))
+        for term, name, _, scale in pieces(self.problem.terms):
+            place = self.curves.places[term.spot, channel_of(name)]
+            found += (variance[:, place] * scale**2)[:, term.counted(name)].sum(axis=1)
         return found
 
     def _linear(self, term: SpotTerm, correction: Correction) -> tuple[FloatArray, FloatArray]:

@@ -44,20 +44,25 @@ class Posterior:
     draws : Draws
     checked : Runs
         Draws that were simulated.
-    emulated : (n, n_ordinates) array
-        What the emulator has for these.
     """
 
     assessed: Assessed
     density: EmulatedProblem
     draws: Draws
     checked: Runs
-    emulated: FloatArray
 
     @property
     def values(self) -> FloatArray:
         """Values (n, n_parameters) of the draws."""
         return self.density.problem.box.values(self.draws.points)
+
+    @property
+    def missed(self) -> FloatArray:
+        """Errors (n, n_ordinates) of the emulator at the simulated draws, over the measured peaks."""
+        assert self.density.emulated is not None
+        emulated = self.density.emulated(self.checked.values)
+        missed: FloatArray = np.abs(emulated - self.checked.ordinates) / self.density.curves.peak
+        return missed
 
     @property
     def shift(self) -> FloatArray:
@@ -66,7 +71,7 @@ class Posterior:
         The misfit's difference at the simulated draws, linear in the values, tilts the density.
         """
         values = self.checked.values
-        real, emulated = (self.density.misfit(values, y) for y in (self.checked.ordinates, self.emulated))
+        real, emulated = (self.density.misfit(values, y) for y in (self.checked.ordinates, None))
         mean, sd = self.values.mean(axis=0), np.maximum(self.values.std(axis=0), 1e-300)
         columns = np.column_stack([np.ones(len(values)), (values - mean) / sd])
         tilt = np.linalg.lstsq(columns, -0.5 * (real - emulated), rcond=None)[0][1:]
@@ -150,7 +155,7 @@ class PosteriorSampling:
         for i in range(MOST_ROUNDS):
             curves = EmulatedCurves(simulated, runs)
             posteriors = [self._sampled(each, curves) for each in joint]
-            error = max(self.error(each) for each in posteriors)
+            error = max(float(each.missed.max(initial=0.0)) for each in posteriors)
             if error <= PRECISE or i == MOST_ROUNDS - 1:
                 break
             for each in posteriors:
@@ -160,15 +165,9 @@ class PosteriorSampling:
                 f"warning: emulated curves differ from simulated ones by up to "
                 f"{100.0 * error:.2g} % of their peak"
             )
-        posteriors = [self._converged(each, curves) for each in posteriors]
-        profiles, ends = self._profiles(posteriors[0], curves)
+        posteriors = [self._converged(each) for each in posteriors]
+        profiles, ends = self._profiles(posteriors[0])
         return Sampled(posteriors=posteriors, profiles=profiles, ends=ends, curves=curves)
-
-    @staticmethod
-    def error(found: Posterior) -> float:
-        """Largest error of the emulator at the simulated draws, over the measured peaks."""
-        curves = found.density.curves
-        return float((np.abs(found.emulated - found.checked.ordinates) / curves.peak).max(initial=0.0))
 
     def _first_runs(self, simulated: SimulatedCurves, cases: Sequence[Case]) -> Runs:
         problem, runs = simulated.problem, runs_of_fits(simulated, cases)
@@ -186,44 +185,36 @@ class PosteriorSampling:
         problem, simulated = assessed.end.problem, curves.simulated
         box, normal = problem.box, assessed.density
         fitted = box.values(assessed.end.best.point)
-        density = EmulatedProblem(problem, simulated, fitted, assessed.white)
+        density = EmulatedProblem(problem, simulated, fitted, assessed.white, curves)
         likely = normal.points[normal.weights > 1e-3 * normal.weights.max()]
         start = box.point(box.lower + (box.upper - box.lower) * likely)
-        draws = self._drawn(density, curves, start, to_convergence=False)
+        draws = self._drawn(density, start, to_convergence=False)
         known = np.stack([box.point(row) for row in curves.runs.values])
         chosen = _farthest(draws.points, known, len(box.names) + 2)
         checked = simulated.runs(chosen, slopes=self.study.solver.provides.slopes).ended
-        return Posterior(
-            assessed=assessed, density=density, draws=draws, checked=checked, emulated=curves(checked.values)
-        )
+        return Posterior(assessed=assessed, density=density, draws=draws, checked=checked)
 
-    def _converged(self, found: Posterior, curves: EmulatedCurves) -> Posterior:
+    def _converged(self, found: Posterior) -> Posterior:
         """The same posterior, sampled until its draws have converged."""
-        draws = self._drawn(found.density, curves, found.draws.points, to_convergence=True)
+        draws = self._drawn(found.density, found.draws.points, to_convergence=True)
         return replace(found, draws=draws)
 
-    def _drawn(
-        self, density: EmulatedProblem, curves: EmulatedCurves, start: FloatArray, *, to_convergence: bool
-    ) -> Draws:
+    def _drawn(self, density: EmulatedProblem, start: FloatArray, *, to_convergence: bool) -> Draws:
         def misfit(points: FloatArray) -> FloatArray:
-            values = density.problem.box.values(points)
-            return density.misfit(values, curves(values))
+            return density.misfit(density.problem.box.values(points))
 
         accepts = density.problem.accepts
         return draw(misfit, accepts, start, self.study.seed, to_convergence=to_convergence)
 
-    def _profiles(
-        self, found: Posterior, curves: EmulatedCurves
-    ) -> tuple[list[Profile], list[tuple[ProfileEnd, ...]]]:
+    def _profiles(self, found: Posterior) -> tuple[list[Profile], list[tuple[ProfileEnd, ...]]]:
         """Profiles of all parameters, both ends of each fitted again with the real solver."""
         box, density, end = found.density.problem.box, found.density, found.assessed.end
 
         def white(points: FloatArray) -> FloatArray:
-            values = box.values(points)
-            return density.white(values, curves(values))
+            return density.white(box.values(points))
 
         def solved(points: FloatArray) -> FloatArray:
-            runs = curves.simulated.runs(points, slopes=self.study.solver.provides.slopes)
+            runs = density.curves.runs(points, slopes=self.study.solver.provides.slopes)
             return density.white(runs.values, runs.ordinates)
 
         assert end.best is not None

@@ -62,18 +62,13 @@ def posterior_tables(found: Sampled, seed: int) -> dict[str, pl.DataFrame]:
     }
 
 
-def _about(each: Posterior) -> dict[str, Any]:
-    case = each.assessed.case
-    return {"fit": case.label, "scenario": case.scenario.name}
-
-
 def _posterior(each: Posterior) -> Iterator[dict[str, Any]]:
     values, draws = each.values, each.draws
     ends = np.quantile(values, [0.025, 0.975], axis=0)
     solved = values.mean(axis=0) + each.shift
     at_bounds = draws.at_bounds()
     for i, parameter in enumerate(each.density.problem.parameters):
-        yield _about(each) | {
+        yield each.assessed.about | {
             "parameter": parameter.name,
             "unit": parameter.unit,
             "mean": float(values[:, i].mean()),
@@ -93,7 +88,7 @@ def _posterior(each: Posterior) -> Iterator[dict[str, Any]]:
 def _draws(each: Posterior) -> pl.DataFrame:
     # Draws of each scenario in the table.
     frame = pl.DataFrame(each.values[:1000], schema=each.density.problem.names)
-    return frame.select(*(pl.lit(value).alias(name) for name, value in _about(each).items()), pl.all())
+    return frame.select(*(pl.lit(value).alias(name) for name, value in each.assessed.about.items()), pl.all())
 
 
 def _profiles(found: Sampled) -> Iterator[dict[str, Any]]:
@@ -103,7 +98,7 @@ def _profiles(found: Sampled) -> Iterator[dict[str, Any]]:
         for value, rise in zip(
             box.values(profile.points)[:, i].tolist(), profile.rises.tolist(), strict=True
         ):
-            about = _about(main) | {"parameter": parameter.name, "unit": parameter.unit}
+            about = main.assessed.about | {"parameter": parameter.name, "unit": parameter.unit}
             yield about | {"value": value, "rise": rise}
 
 
@@ -111,7 +106,7 @@ def _ends(found: Sampled) -> Iterator[dict[str, Any]]:
     main = found.posteriors[0]
     for parameter, ends in zip(main.density.problem.parameters, found.ends, strict=True):
         for name, end in zip(("lower", "upper"), ends, strict=True):
-            yield _about(main) | {
+            yield main.assessed.about | {
                 "parameter": parameter.name,
                 "unit": parameter.unit,
                 "end": name,
@@ -146,17 +141,20 @@ def _sobol_indices(found: Sampled, seed: int) -> Iterator[dict[str, Any]]:
 def _volumes(found: Sampled) -> Iterator[dict[str, Any]]:
     main = found.posteriors[0].volume
     for each in found.posteriors:
-        yield _about(each) | {"volume": each.volume, "ratio": each.volume / main if main > 0.0 else None}
+        yield each.assessed.about | {
+            "volume": each.volume,
+            "ratio": each.volume / main if main > 0.0 else None,
+        }
 
 
 def _emulator(found: Sampled) -> Iterator[dict[str, Any]]:
     simulated = found.curves.simulated
     left_out = np.abs(found.curves.left_out) / simulated.peak
     for each in found.posteriors:
-        missed = np.abs(each.emulated - each.checked.ordinates) / simulated.peak
+        missed = each.missed
         for channel in dict.fromkeys(channel for _, channel in simulated.places):
             places = [at for (_, of), at in simulated.places.items() if of == channel]
-            yield _about(each) | {
+            yield each.assessed.about | {
                 "channel": channel,
                 "n_runs": len(found.curves.runs.values),
                 "n_solved": len(missed),

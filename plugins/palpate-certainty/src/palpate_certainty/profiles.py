@@ -2,7 +2,6 @@
 
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
-from functools import cached_property
 from itertools import combinations
 from typing import Any
 
@@ -11,7 +10,7 @@ import polars as pl
 import scipy
 
 from palpate.api import BoolArray, Design, FloatArray, ParameterName, Simulation
-from palpate.api.fit import RISE, Problem, Residuals, channel_of, least_near, linear_least, pieces, slopes_at
+from palpate.api.fit import RISE, Residuals, channel_of, least_near, linear_least, slopes_at
 from palpate_certainty.declared import DECLARED
 from palpate_certainty.emulated_curves import (
     EmulatedCurves,
@@ -144,60 +143,30 @@ CHUNK = 128
 """Points that are fitted at once."""
 
 
-@dataclass(frozen=True, kw_only=True, eq=False)
-class EmulatedObjective:
-    """Fopt of a problem by emulated curves.
+def least_fopt(density: EmulatedProblem, points: FloatArray, free: BoolArray) -> FloatArray:
+    """Least Fopt (n,) over the coordinates ``free``, near points of the box; NaN where little is known."""
+    box, found = density.problem.box, []
 
-    Parameters
-    ----------
-    problem : Problem
-        With its corrections by finer meshes.
-    curves : EmulatedCurves
-    fitted : (n_parameters,) array
-        Values where the fit has ended.
-    """
+    def residuals(at: FloatArray) -> FloatArray:
+        return density.residuals(box.values(at))
 
-    problem: Problem
-    curves: EmulatedCurves
-    fitted: FloatArray
+    for start in range(0, len(points), CHUNK):
+        at, fopt = fitted(residuals, _started(residuals, points[start : start + CHUNK], free), free)
+        found.append(np.where(density.unknown(box.values(at)) <= KNOWN * fopt, fopt, np.nan))
+    return np.concatenate(found)
 
-    @cached_property
-    def _emulated(self) -> EmulatedProblem:
-        return EmulatedProblem(self.problem, self.curves.simulated, self.fitted)
 
-    def residuals(self, points: FloatArray) -> FloatArray:
-        """Residuals (n, m) at points (n, n_parameters) of the box, without residuals of priors."""
-        values = self.problem.box.values(points)
-        return self._emulated.residuals(values, self.curves(values))
-
-    def unknown(self, points: FloatArray) -> FloatArray:
-        """Variance (n,) of what the emulator does not know, as a part of Fopt."""
-        variance, found = self.curves.variance(self.problem.box.values(points)), np.zeros(len(points))
-        for term, name, _, scale in pieces(self.problem.terms):
-            channel, inside = channel_of(name), term.counted(name)
-            place = self.curves.simulated.places[term.spot, channel]
-            found += (variance[:, place] * scale**2)[:, inside].sum(axis=1)
-        return found
-
-    def least(self, points: FloatArray, free: BoolArray) -> FloatArray:
-        """Least Fopt (n,) over the coordinates ``free``, near points; NaN where the emulator knows little."""
-        found = []
-        for start in range(0, len(points), CHUNK):
-            at, fopt = fitted(self.residuals, self._started(points[start : start + CHUNK], free), free)
-            found.append(np.where(self.unknown(at) <= KNOWN * fopt, fopt, np.nan))
-        return np.concatenate(found)
-
-    def _started(self, points: FloatArray, free: BoolArray) -> FloatArray:
-        """The points, or others over the coordinates ``free`` where Fopt is less there."""
-        if not free.any():
-            return points
-        tried = [points]
-        for start in scipy.stats.qmc.Halton(int(free.sum()), rng=1).random(8):
-            tried.append(points.copy())
-            tried[-1][:, free] = start
-        fopts = [(self.residuals(each) ** 2).sum(axis=1) for each in tried]
-        started: FloatArray = np.stack(tried)[np.argmin(fopts, axis=0), np.arange(len(points))]
-        return started
+def _started(residuals: Residuals, points: FloatArray, free: BoolArray) -> FloatArray:
+    """The points, or others over the coordinates ``free`` where Fopt is less there."""
+    if not free.any():
+        return points
+    tried = [points]
+    for start in scipy.stats.qmc.Halton(int(free.sum()), rng=1).random(8):
+        tried.append(points.copy())
+        tried[-1][:, free] = start
+    fopts = [(residuals(each) ** 2).sum(axis=1) for each in tried]
+    started: FloatArray = np.stack(tried)[np.argmin(fopts, axis=0), np.arange(len(points))]
+    return started
 
 
 def fitted(residuals: Residuals, points: FloatArray, free: BoolArray) -> tuple[FloatArray, FloatArray]:
@@ -275,8 +244,7 @@ def profile_planes(joint: Sequence[Assessed], curves: EmulatedCurves) -> pl.Data
 def _rows(each: Assessed, curves: EmulatedCurves) -> Iterator[dict[str, Any]]:
     assert each.end.best is not None
     box, best = each.end.problem.box, each.end.best
-    objective = EmulatedObjective(problem=each.end.problem, curves=curves, fitted=box.values(best.point))
-    about = {"fit": each.case.label, "scenario": each.case.scenario.name}
+    density = EmulatedProblem(each.end.problem, curves.simulated, box.values(best.point), emulated=curves)
     sds = each.laplace.sd * (box.upper - box.lower) / box.rates(best.point)
     shared = [i for i, name in enumerate(box.names) if not ParameterName.parse(name).spot]
     # No more planes of one scenario than 15.
@@ -284,12 +252,12 @@ def _rows(each: Assessed, curves: EmulatedCurves) -> Iterator[dict[str, Any]]:
         axes = [_along(float(best.point[i]), float(sds[i])) for i in held]
         points = np.tile(best.point, (int(np.prod([axis.size for axis in axes])), 1))
         points[:, held] = np.stack([part.ravel() for part in np.meshgrid(*axes, indexing="ij")], axis=1)
-        fopts = objective.least(points, ~np.isin(np.arange(best.point.size), held))
+        fopts = least_fopt(density, points, ~np.isin(np.arange(best.point.size), held))
         names = {"parameter": box.names[held[0]], "other": box.names[held[1]] if len(held) > 1 else None}
         for values, fopt in zip(box.values(points)[:, held].tolist(), fopts.tolist(), strict=True):
             other = values[1] if len(held) > 1 else None
             known = fopt if np.isfinite(fopt) else None
-            yield about | names | {"value": values[0], "other_value": other, "fopt": known}
+            yield each.about | names | {"value": values[0], "other_value": other, "fopt": known}
 
 
 def _along(best: float, sd: float) -> FloatArray:

@@ -27,6 +27,7 @@ from palpate_certainty.identifiability import assess_identifiability
 from palpate_certainty.mesh_error import SpotMesh, noted_errors
 from palpate_certainty.posterior_sampling import PosteriorSampling
 from palpate_certainty.posterior_tables import posterior_tables
+from palpate_certainty.profiles import planes_of_fits
 from palpate_certainty.tables import Assessed, certainty_tables
 
 ASSESSED = "assessed"
@@ -118,10 +119,11 @@ class ProfilePlanes(Stage):
         """Planes of the joint fits by emulated curves; simulates nothing."""
         if isinstance(inputs.study.search, BestSet):
             return {}
-        cases = cases_of(inputs)
-        stage = assessment_of(inputs, cases)
-        assessed = inputs.shared.get(ASSESSED) or stage.assessed(cases)
-        return {"profile_planes": stage.profile_planes(assessed, inputs.design, inputs.swept())}
+        stage, assessed = assessed_fits(inputs)
+        with stage.noting("contours of Fopt"):
+            main = inputs.study.generalise_by
+            return {"profile_planes": planes_of_fits(assessed, inputs.design, inputs.swept(), main=main)}
+        return {"profile_planes": pl.DataFrame()}
 
 
 class Validation(Stage):
@@ -169,10 +171,8 @@ class Posteriors(Stage):
     def run(self, inputs: Run, progress: Progress) -> Files:
         """Draws of the posteriors, and what follows from them."""
         study = inputs.study
-        cases = cases_of(inputs)
-        assessed = inputs.shared.get(ASSESSED) or assessment_of(inputs, cases).assessed(cases)
         stage = PosteriorSampling(study=study, design=inputs.design, swept=inputs.swept(), progress=progress)
-        if (sampled := stage.run(cases, assessed)) is None:
+        if (sampled := stage.run(cases_of(inputs), assessed_fits(inputs)[1])) is None:
             raise no_intervals(inputs)
         return posterior_tables(sampled, study.seed)
 
@@ -223,6 +223,13 @@ def assessment_of(inputs: Run, cases: Sequence[Case]) -> Assessment:
     )
 
 
+def assessed_fits(inputs: Run, *, joint_only: bool = False) -> tuple[Assessment, list[Assessed]]:
+    """Assessor of the fits of a run, and these with their certainty, assessed once in a command."""
+    cases = cases_of(inputs)
+    stage = assessment_of(inputs, cases)
+    return stage, inputs.shared.get(ASSESSED) or stage.assessed(cases, joint_only=joint_only)
+
+
 def joint_assessed(inputs: Run) -> tuple[Assessment, Assessed]:
     """Certainty of the joint fit of a run, for stages that go on from it.
 
@@ -231,9 +238,7 @@ def joint_assessed(inputs: Run) -> tuple[Assessment, Assessed]:
     StudyError
         There is no joint fit with intervals.
     """
-    cases = cases_of(inputs)
-    stage = assessment_of(inputs, cases)
-    made = inputs.shared.get(ASSESSED) or stage.assessed(cases, joint_only=True)
+    stage, made = assessed_fits(inputs, joint_only=True)
     assessed = next((each for each in made if each.case.scenario.name == inputs.study.generalise_by), None)
     if assessed is None or len(assessed.case.spots) < min(2, len(inputs.study.spots)):
         raise no_intervals(inputs)

@@ -125,6 +125,11 @@ class Assessed:
     left_out: Mapping[str, str] = field(default_factory=dict)
 
     @property
+    def about(self) -> dict[str, Any]:
+        """First cells of its rows in every table."""
+        return {"fit": self.case.label, "scenario": self.case.scenario.name}
+
+    @property
     def values(self) -> FloatArray:
         """The most likely values (n_parameters,) in the units of the parameters."""
         box = self.end.problem.box
@@ -189,7 +194,7 @@ def certainty_tables(assessed: Sequence[Assessed], study: Study) -> dict[str, pl
         "budget": _budget,
         "parameter_combinations": _parameter_combinations,
         "adequacy": lambda each: _adequacy(each, study),
-        "mesh_errors": lambda each: (_about(each) | row for row in each.mesh_errors),
+        "mesh_errors": lambda each: (each.about | row for row in each.mesh_errors),
         "model_errors": _model_errors,
         "draws": _draws,
         "between_spots": _between_spots,
@@ -201,10 +206,6 @@ def certainty_tables(assessed: Sequence[Assessed], study: Study) -> dict[str, pl
     }
 
 
-def _about(each: Assessed) -> dict[str, Any]:
-    return {"fit": each.case.label, "scenario": each.case.scenario.name}
-
-
 def _intervals(each: Assessed) -> Iterator[dict[str, Any]]:
     box = each.end.problem.box
     failed = bool(each.left_out) or each.verdict is Adequacy.FAILS
@@ -214,7 +215,7 @@ def _intervals(each: Assessed) -> Iterator[dict[str, Any]]:
         over_value = (upper - lower) / abs(value) if value else np.inf
         over_range = (upper - lower) / (parameter.upper - parameter.lower)
         width = max(over_value if parameter.lower * parameter.upper > 0.0 else 0.0, over_range)
-        yield _about(each) | {
+        yield each.about | {
             "parameter": parameter.name,
             "unit": parameter.unit,
             "value": value,
@@ -238,17 +239,17 @@ def _budget(each: Assessed) -> Iterator[dict[str, Any]]:
         shares = {cause: float(share[i]) for cause, share in found.shares.items()}
         for cause, share in sorted(shares.items(), key=lambda item: -item[1]):
             sd_of_cause = sd * float(np.sqrt(share))
-            row = _about(each) | {"parameter": name, "cause": cause}
+            row = each.about | {"parameter": name, "cause": cause}
             yield row | {"share": share, "sd": sd_of_cause, "status": INCLUDED}
         for cause, why in each.left_out.items():
-            yield _about(each) | {"parameter": name, "cause": cause, "share": None, "sd": None, "status": why}
+            yield each.about | {"parameter": name, "cause": cause, "share": None, "sd": None, "status": why}
 
 
 def _parameter_combinations(each: Assessed) -> Iterator[dict[str, Any]]:
     box, within = each.end.problem.box, each.laplace.in_range
     covariance = wider(within.freedom) ** 2 * within.covariance
     for found in parameter_combinations(box.names, each.values, box.upper - box.lower, covariance):
-        yield _about(each) | {
+        yield each.about | {
             "combination": found.text,
             "relative_width": found.relative_width,
             "identifiability": word_of(found.relative_width),
@@ -258,7 +259,7 @@ def _parameter_combinations(each: Assessed) -> Iterator[dict[str, Any]]:
 def _model_errors(each: Assessed) -> Iterator[dict[str, Any]]:
     noise = each.errors.noise
     for number, size in noise.discrepancy.items():
-        row = _about(each) | {"channel": each.linear.channels[number]}
+        row = each.about | {"channel": each.linear.channels[number]}
         for length, share in noise.lengths(number).items():
             yield row | {"length": length, "sd": size * float(np.sqrt(share))}
 
@@ -267,7 +268,7 @@ def _draws(each: Assessed) -> Iterator[dict[str, Any]]:
     box = each.end.problem.box
     for shares in each.density.draws(N_DRAWS):
         values = box.lower + (box.upper - box.lower) * shares
-        yield _about(each) | dict(zip(box.names, values.tolist(), strict=True))
+        yield each.about | dict(zip(box.names, values.tolist(), strict=True))
 
 
 def _between_spots(each: Assessed) -> Iterator[dict[str, Any]]:
@@ -277,7 +278,7 @@ def _between_spots(each: Assessed) -> Iterator[dict[str, Any]]:
     rates = box.rates(box.point(each.values))
     for k, i in enumerate(found.shared.tolist()):
         sd, lower, upper = (float(size * rates[i]) for size in (found.sd[k], *found.ends[k]))
-        yield _about(each) | {
+        yield each.about | {
             "parameter": box.parameters[i].name,
             "unit": box.parameters[i].unit,
             "value": float(each.values[i]),
@@ -297,7 +298,7 @@ def _spot_draws(each: Assessed) -> Iterator[dict[str, Any]]:
     there = box.point(box.lower + (box.upper - box.lower) * drawn)
     there[:, found.shared] += found.sd * rng.standard_t(found.freedom, (len(there), found.sd.size))
     for values in box.values(there.clip(0.0, 1.0)):
-        yield _about(each) | dict(zip(box.names, values.tolist(), strict=True))
+        yield each.about | dict(zip(box.names, values.tolist(), strict=True))
 
 
 def _adequacy(each: Assessed, study: Study) -> Iterator[dict[str, Any]]:
@@ -312,7 +313,7 @@ def _adequacy(each: Assessed, study: Study) -> Iterator[dict[str, Any]]:
             "ranges": "the curves ask for parameters outside of their ranges",
             "relaxation": check.message,
         }
-        yield _about(each) | {
+        yield each.about | {
             "check": check.name,
             "channel": channel,
             "probability": check.probability,
