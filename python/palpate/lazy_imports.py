@@ -64,7 +64,6 @@ def deferred(module: str, moved: Mapping[str, str] = MappingProxyType({})) -> Ca
             return getattr(importlib.import_module(moved[name]), name)
         if name.startswith("__") or name not in _homes(module):
             raise AttributeError(f"module '{module}' has no attribute '{name}'")
-        value: object = getattr(importlib.import_module(_homes(module)[name]), name)
-        return value
+        return getattr(importlib.import_module(_homes(module)[name]), name)
 
     return get

@@ -301,13 +301,12 @@ def _on_cubics(x: FloatArray, y: FloatArray, at: FloatArray) -> FloatArray:
     width = (x[left + 1] - x[left])[:, None]
     t = (at[:, None] - x[left, None]) / width
     first, other = y[left], y[left + 1]
-    cubic: FloatArray = (
+    return (
         (1 + 2 * t) * (1 - t) ** 2 * first
         + t * (1 - t) ** 2 * width * rates[left]
         + t**2 * (3 - 2 * t) * other
         + t**2 * (t - 1) * width * rates[left + 1]
     )
-    return cubic
 
 
 def _rates(x: FloatArray, y: FloatArray) -> FloatArray:

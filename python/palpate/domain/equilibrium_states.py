@@ -166,8 +166,7 @@ def _first_direction(parts: FloatArray) -> FloatArray:
     sizes = np.hypot(*parts.T)
     # Share of the largest shift, or tilt, up to which one is a remainder of Newton's method under loads.
     moved = np.flatnonzero(sizes > 1e-3 * sizes.max(initial=0.0))
-    direction: FloatArray = parts[moved[0]] / sizes[moved[0]] if moved.size else np.zeros(2)
-    return direction
+    return parts[moved[0]] / sizes[moved[0]] if moved.size else np.zeros(2)
 
 
 def _ordinate(channel: Channel, columns: Mapping[str, FloatArray]) -> FloatArray:

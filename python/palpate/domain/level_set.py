@@ -58,8 +58,7 @@ def _tets(counts: IntArray) -> IntArray:
     cells = first[:, None] + corner
     # Six tetrahedra of a cube around its diagonal, of positive volume; corner 4 i + 2 j + k is at (i, j, k).
     around = [[0, 3, 1, 7], [0, 2, 3, 7], [0, 6, 2, 7], [0, 4, 6, 7], [0, 5, 4, 7], [0, 1, 5, 7]]
-    tets: IntArray = cells[:, around].reshape(-1, 4)
-    return tets
+    return cells[:, around].reshape(-1, 4)
 
 
 def _cut(tets: IntArray, flipped: IntArray, n_inside: int) -> IntArray:

@@ -59,13 +59,11 @@ class HyperelasticMaterial(Component[SettingsT]):
         MaterialError
             The convention is unknown to this material.
         """
-        theta: FloatArray = values * np.array(self._factors(convention))
-        return theta
+        return values * np.array(self._factors(convention))
 
     def from_textbook(self, theta: FloatArray, convention: str) -> FloatArray:
         """Convert textbook values (n_parameters,) to ``convention``."""
-        values: FloatArray = theta / np.array(self._factors(convention))
-        return values
+        return theta / np.array(self._factors(convention))
 
     def _factors(self, convention: str) -> tuple[float, ...]:
         if convention == "textbook":

@@ -324,8 +324,7 @@ def secant_young_MPa(  # noqa: N802 -- the unit
 ) -> FloatArray:
     """Secant Young's moduli (n,) [MPa]: an isochoric pull by the logarithmic strain e stores E e²/2."""
     stretches = np.exp(np.stack([strains, -strains / 2.0, -strains / 2.0], axis=-1))
-    moduli: FloatArray = 2.0 * np.asarray(material.energy(stretches, theta)) / strains**2
-    return moduli
+    return 2.0 * np.asarray(material.energy(stretches, theta)) / strains**2
 
 
 def thetas_of_ranges(space: ParameterSpace, region: RegionMaterial, n_levels: int = 2) -> list[FloatArray]:

@@ -120,5 +120,4 @@ def _between(ordinates: FloatArray, abscissa: FloatArray) -> FloatArray:
         place = np.arange(stop - start)
         low, high = np.maximum(place - reach, 0), np.minimum(place + reach + 1, stop - start)
         pooled[start:stop] = (total[high] - total[low]) / (high - low)
-    std: FloatArray = np.sqrt(pooled)
-    return std
+    return np.sqrt(pooled)

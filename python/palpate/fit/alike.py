@@ -11,8 +11,7 @@ from palpate.fit.spot_term import Correction, SpotTerm
 
 def path_of(abscissa: FloatArray) -> FloatArray:
     """Travel along a curve up to each point (n,), in ranges of its abscissa."""
-    path: FloatArray = np.concatenate([[0.0], np.cumsum(np.abs(np.diff(abscissa)))]) / np.ptp(abscissa)
-    return path
+    return np.concatenate([[0.0], np.cumsum(np.abs(np.diff(abscissa)))]) / np.ptp(abscissa)
 
 
 def changed_like(

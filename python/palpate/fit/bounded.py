@@ -48,8 +48,7 @@ def slope_of(here: FloatArray, points: Sequence[tuple[float, FloatArray]]) -> Fl
     (a, at_a), (b, at_b) = points[0], points[-1]
     if len(points) == 1:
         return (at_a - here) / a
-    slope: FloatArray = (a / b * (at_b - here) - b / a * (at_a - here)) / (a - b)
-    return slope
+    return (a / b * (at_b - here) - b / a * (at_a - here)) / (a - b)
 
 
 def least_near(
@@ -75,15 +74,13 @@ def least_near(
         return point
 
     def at(part: FloatArray) -> FloatArray:
-        values: FloatArray = residuals(whole(part)[None])[0]
-        return values
+        return residuals(whole(part)[None])[0]
 
     def jacobian(part: FloatArray) -> FloatArray:
         point = whole(part)
         if slopes is not None:
             return slopes(point)[:, free]
-        of_one: FloatArray = slopes_at(residuals, point[None], residuals(point[None]), free)[0]
-        return of_one
+        return slopes_at(residuals, point[None], residuals(point[None]), free)[0]
 
     if not free.any():
         return start, float((residuals(start[None]) ** 2).sum())

@@ -54,8 +54,7 @@ class Box:
         steps = np.array(sorted(range(-8, 9), key=abs), dtype=np.float64)
         near = np.clip(point + np.outer(steps, unit), 0.0, 1.0)
         hits = self.values(near) == values
-        found: FloatArray = np.take_along_axis(near, hits.argmax(axis=0)[None], axis=0)[0]
-        return found
+        return np.take_along_axis(near, hits.argmax(axis=0)[None], axis=0)[0]
 
     def rates(self, point: FloatArray) -> FloatArray:
         """Derivative (n_parameters,) of each value in its coordinate, or (n, n_parameters) at points."""

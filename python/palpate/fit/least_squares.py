@@ -138,5 +138,4 @@ class _Model:
     def _gains(self, bent: FloatArray) -> FloatArray:
         """Gains of steps (n, n_parameters)."""
         left = self.residuals + bent @ self.jacobian.T
-        gains: FloatArray = self.residuals @ self.residuals - (left**2).sum(axis=1)
-        return gains
+        return self.residuals @ self.residuals - (left**2).sum(axis=1)

@@ -427,8 +427,7 @@ class Problem:
         }
 
     def _part(self, term: SpotTerm, simulation: Simulation, inputs: SpotInputs) -> FloatArray:
-        residuals: FloatArray = term.residuals(simulation, inputs) / np.sqrt(len(self.terms))
-        return residuals
+        return term.residuals(simulation, inputs) / np.sqrt(len(self.terms))
 
     def _jacobian(
         self, plan: _Plan, simulations: Sequence[Simulation], parts: Mapping[str, FloatArray]

@@ -90,8 +90,7 @@ class Correction:
         # evenly.
         share = np.minimum(step @ self.added / size if size else np.zeros(step.shape[:-1]), 1.0)
         growth = np.divide(np.expm1(share), share, out=np.ones_like(share), where=share != 0.0)
-        found: FloatArray = ratio * growth[..., None] * step
-        return found
+        return ratio * growth[..., None] * step
 
     def change_to(self, inputs: SpotInputs, materials: Mapping[str, Material]) -> FloatArray:
         """Change (n,) along the slopes to other inputs of what is added to a curve as large as the coarse."""

@@ -57,8 +57,7 @@ def accepted_start(problem: Problem, start: FloatArray) -> FloatArray:
     accepted = points[problem.accepts(points)]
     if not len(accepted):
         return start
-    nearest: FloatArray = accepted[np.argmin(np.linalg.norm(accepted - accepted.mean(axis=0), axis=1))]
-    return nearest
+    return accepted[np.argmin(np.linalg.norm(accepted - accepted.mean(axis=0), axis=1))]
 
 
 def scaled_start(problem: Problem, start: FloatArray) -> FloatArray:

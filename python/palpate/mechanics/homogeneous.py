@@ -60,5 +60,4 @@ def nominal_stress(
     if mode not in MODES:
         raise MaterialError(f"mode '{mode}' is unknown; name one of {', '.join(MODES)}")
     above, below = (np.asarray(material.energy(MODES[mode](amount + h), theta)) for h in (_STEP, -_STEP))
-    stress: FloatArray = (above - below) / (2.0 * _STEP) * (0.5 if mode == "equibiaxial" else 1.0)
-    return stress
+    return (above - below) / (2.0 * _STEP) * (0.5 if mode == "equibiaxial" else 1.0)

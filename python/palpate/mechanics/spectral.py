@@ -91,7 +91,7 @@ def _principal_columns(F: Array) -> tuple[Columns, Columns]:
     n = tuple(tuple(one if i == a else zero for i in range(3)) for a in range(3))
     # A loop, not an unrolled chain: XLA would fuse the chain into every entry of the tangent.
     # One-sided Jacobi converges quadratically: the fourth sweep reaches rounding, the fifth is margin.
-    return jax.lax.fori_loop(0, 5, _jacobi_sweep, (g, n))  # type: ignore[no-any-return]
+    return jax.lax.fori_loop(0, 5, _jacobi_sweep, (g, n))
 
 
 def _squared_stretches(g: Columns) -> Array:
@@ -244,9 +244,7 @@ def stress_and_tangent(
         return _isotropic_stress_and_tangent(material, F, theta)
     gradient = jax.grad(material.energy_from_F)
     tangent = jax.jacfwd(gradient)
-    return _pointwise(  # type: ignore[no-any-return]
-        lambda f, *own: (gradient(f, theta, *own), tangent(f, theta, *own)), F, fields
-    )
+    return _pointwise(lambda f, *own: (gradient(f, theta, *own), tangent(f, theta, *own)), F, fields)
 
 
 @partial(jax.custom_jvp, nondiff_argnums=(0,))

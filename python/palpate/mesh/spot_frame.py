@@ -89,14 +89,12 @@ class SpotWrench:
     @property
     def pressing(self) -> FloatArray:
         """Force [N] (n,), positive in compression."""
-        force: FloatArray = self.force_N[:, 2]
-        return force
+        return self.force_N[:, 2]
 
     @property
     def twisting(self) -> FloatArray:
         """Torque [N·mm] (n,) of the indenter on the tissue about the outward normal."""
-        torque: FloatArray = -self.moment_Nmm[:, 2]
-        return torque
+        return -self.moment_Nmm[:, 2]
 
     def on_tissue(self, from_tip_mm: FloatArray) -> FloatArray:
         """Wrench (n, 6) of :class:`palpate.domain.equilibrium_states.EquilibriumStates`.

@@ -70,8 +70,7 @@ class Score(Component[SettingsT]):
         largest = max(float(np.abs(simulated[used]).max()), float(np.abs(measured.ordinate).max()))
         step = STEP * (largest or size) / size
         ends = [self.residuals(measured, simulated + h * d_simulated, used) for h in (step, -step)]
-        slope: FloatArray = (ends[0] - ends[1]) / (2.0 * step)
-        return slope
+        return (ends[0] - ends[1]) / (2.0 * step)
 
     def weighted(self, measured: Curve, simulated: FloatArray, used: BoolArray, weight: float) -> FloatArray:
         """Residuals (..., n) whose squares sum to ``weight`` times the misfit."""
@@ -81,16 +80,12 @@ class Score(Component[SettingsT]):
                 f"score '{self.name}' gave residuals of shape {residuals.shape} for ordinates of shape "
                 f"{simulated.shape}; return one for each measured point"
             )
-        found: FloatArray = np.sqrt(weight) * np.where(used, residuals, 0.0)
-        return found
+        return np.sqrt(weight) * np.where(used, residuals, 0.0)
 
     def scale(self, measured: Curve, used: BoolArray, weight: float = 1.0) -> FloatArray:
         """Derivative (n,) of each such residual in the ordinate of its own point, at the measured curve."""
         ones = np.ones(measured.ordinate.size)
-        found: FloatArray = np.sqrt(weight) * np.where(
-            used, self.slopes(measured, measured.ordinate, used, ones), 0.0
-        )
-        return found
+        return np.sqrt(weight) * np.where(used, self.slopes(measured, measured.ordinate, used, ones), 0.0)
 
     def is_pointwise(self, measured: Curve, used: BoolArray) -> bool:
         """True if each residual depends on the ordinate of its own point alone, near the measured curve."""
@@ -195,8 +190,7 @@ class Nmse(Score[NmseSettings]):
         scale = float(np.sqrt(np.mean(measured.std**2)))
         if scale == 0.0:
             raise ScoringError('every standard deviation is zero; set scoring.point_weighting = "equal"')
-        weights: FloatArray = 1.0 / np.maximum(measured.std / scale, LEAST_STD_SHARE) ** 2
-        return weights
+        return 1.0 / np.maximum(measured.std / scale, LEAST_STD_SHARE) ** 2
 
     def residuals(self, measured: Curve, simulated: FloatArray, used: BoolArray) -> FloatArray:
         """√(w / Σw) · (simulated − measured) / normaliser."""
@@ -206,15 +200,11 @@ class Nmse(Score[NmseSettings]):
         self, measured: Curve, simulated: FloatArray, used: BoolArray, d_simulated: FloatArray
     ) -> FloatArray:
         """Exact derivative: √(w / Σw) / normaliser · d_simulated."""
-        slope: FloatArray = np.where(used, d_simulated, 0.0) * self.scale(measured, used)
-        return slope
+        return np.where(used, d_simulated, 0.0) * self.scale(measured, used)
 
     def weighted(self, measured: Curve, simulated: FloatArray, used: BoolArray, weight: float) -> FloatArray:
         """Residuals whose squares sum to ``weight`` times the NMSE."""
-        found: FloatArray = np.where(used, simulated - measured.ordinate, 0.0) * self.scale(
-            measured, used, weight
-        )
-        return found
+        return np.where(used, simulated - measured.ordinate, 0.0) * self.scale(measured, used, weight)
 
     def scale(self, measured: Curve, used: BoolArray, weight: float = 1.0) -> FloatArray:
         """Factors (n,) on simulated − measured."""

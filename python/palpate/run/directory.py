@@ -298,8 +298,7 @@ class RunDirectory:
     def _recorded(self, spot: str) -> dict[str, Any]:
         """Processing of the curves of a spot."""
         file = self._measured(spot).with_suffix(".json")
-        found: dict[str, Any] = self.records.read("experiment", file, json.loads)
-        return found
+        return self.records.read("experiment", file, json.loads)
 
     def _records(self, study: Study) -> dict[str, Any]:
         """Processing of the curves of each spot, as far as it is known."""

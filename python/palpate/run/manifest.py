@@ -185,8 +185,7 @@ def checked_manifest(text: str) -> dict[str, Any]:
     except ValidationError as error:
         first = error.errors()[0]
         raise ValueError(f"'{'.'.join(map(str, first['loc']))}': {first['msg']}") from None
-    content: dict[str, Any] = json.loads(text)
-    return content
+    return json.loads(text)
 
 
 IN_KEYS = ("material:", "solver:")

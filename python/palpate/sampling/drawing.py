@@ -102,8 +102,7 @@ def kept_sets(
     if (lower < wide_lower).any() or (upper > wide_upper).any():
         return None
     values = earlier.values[sorted(set(finished) & set(range(earlier.n_sets)))]
-    kept: FloatArray = values[((lower <= values) & (values <= upper)).all(axis=1)]
-    return kept
+    return values[((lower <= values) & (values <= upper)).all(axis=1)]
 
 
 def _drawn(
@@ -210,8 +209,7 @@ def _in_range(parameter: Parameter, shares: FloatArray) -> FloatArray:
     if parameter.scale == "log":
         return _core.geometric(shares, lower, upper)
     # By rounding, lower + (upper - lower) may exceed upper.
-    values: FloatArray = np.clip(lower + shares * (upper - lower), lower, upper)
-    return values
+    return np.clip(lower + shares * (upper - lower), lower, upper)
 
 
 def accepted_by_all(filters: Sequence[SetFilter], space: ParameterSpace, values: FloatArray) -> BoolArray:

@@ -34,8 +34,7 @@ _stress_and_tangent = jax.jit(mechanics.stress_and_tangent, static_argnums=0)
 
 def _rotation(seed: int) -> FloatArray:
     Q, _ = np.linalg.qr(np.random.default_rng(seed).standard_normal((3, 3)))
-    rotation: FloatArray = Q * np.linalg.det(Q)
-    return rotation
+    return Q * np.linalg.det(Q)
 
 
 @partial(jax.jit, static_argnums=0)
@@ -78,10 +77,9 @@ class MaterialContract(ComponentContract):
         """Provide textbook parameter sets: both ends of all ranges, and random points between."""
         lower, upper = np.array([[p.lower, p.upper] for p in material.parameters]).T
         inner = np.random.default_rng(0).random((self.n_thetas - 2, lower.size))
-        thetas: FloatArray = lower + (upper - lower) * np.concatenate(
+        return lower + (upper - lower) * np.concatenate(
             [np.zeros((1, lower.size)), np.ones((1, lower.size)), inner]
         )
-        return thetas
 
     @pytest.fixture
     def gradients(self) -> FloatArray:
@@ -92,8 +90,7 @@ class MaterialContract(ComponentContract):
         e = self.largest_strain
         random = np.random.default_rng(1).uniform(-e, e, (3, 3, 3))
         special = [np.zeros((3, 3)), np.diag([e, -e / 2, -e / 2]), np.diag([e, e, e]) / 3]
-        gradients: FloatArray = np.eye(3) + np.concatenate([special, random])
-        return gradients
+        return np.eye(3) + np.concatenate([special, random])
 
     @pytest.fixture
     def fields(self, material: Material, gradients: FloatArray) -> Fields:

@@ -122,8 +122,7 @@ class SolverContract(ComponentContract):
         case = getattr(getattr(request.node, "callspec", None), "id", "")
         if case not in answers:
             answers[case] = solver.simulate(job, limb)
-        found: Simulation = answers[case]
-        return found
+        return answers[case]
 
     component = pytest.fixture(lambda self, solver: solver)
 
@@ -449,8 +448,7 @@ def turning_points(abscissa: FloatArray) -> FloatArray:
     curve = Curve(channel="", abscissa=abscissa, ordinate=np.zeros(len(abscissa)))
     moving = curve.cut(moving_span(curve.abscissa))
     starts = [start for start, _ in moving.branches]
-    points: FloatArray = moving.abscissa[[*starts, -1]]
-    return points
+    return moving.abscissa[[*starts, -1]]
 
 
 def _route(points: FloatArray) -> str:
@@ -460,5 +458,4 @@ def _route(points: FloatArray) -> str:
 def _at(curve: Curve, reference: Curve) -> FloatArray:
     """Ordinates along the reference, by the share of the way that both have travelled."""
     way, asked = (np.concatenate([[0.0], np.abs(np.diff(c.abscissa)).cumsum()]) for c in (curve, reference))
-    ordinates: FloatArray = np.interp(asked, way, curve.ordinate)
-    return ordinates
+    return np.interp(asked, way, curve.ordinate)

@@ -77,8 +77,7 @@ class SpotDifferences:
     def changes(self, jacobian: FloatArray, rows: ResidualLayout) -> FloatArray:
         """Change of the residuals (n,) to the own values of each spot."""
         each = zip(self.own, _at_sites(rows), strict=True)
-        changes: FloatArray = sum((i * (jacobian @ own) for own, i in each), np.zeros(rows.spot.size))
-        return changes
+        return sum((i * (jacobian @ own) for own, i in each), np.zeros(rows.spot.size))
 
 
 def freedom_of(share: FloatArray, between: float, others: float) -> float:
@@ -212,8 +211,7 @@ def _most_likely(own: FloatArray, covariance: FloatArray, n: int) -> FloatArray:
         scipy.optimize.minimize(loss, start, method="L-BFGS-B", bounds=bounds)
         for start in (spread, spread - 2.0)
     ]
-    sd: FloatArray = np.exp(min(tried, key=lambda each: float(each.fun)).x)
-    return sd
+    return np.exp(min(tried, key=lambda each: float(each.fun)).x)
 
 
 def _ends(own: FloatArray, covariance: FloatArray, sd: FloatArray, seen: BoolArray) -> FloatArray:

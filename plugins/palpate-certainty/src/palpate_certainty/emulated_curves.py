@@ -82,8 +82,7 @@ class SimulatedCurves:
                 parts.append(term.residuals(simulation, inputs) / np.sqrt(len(self.problem.terms)))
         except (KeyError, NotRankedError, PalpateError):
             return np.full(self._scale.size, np.nan)
-        found: FloatArray = np.concatenate(parts) / self._scale + self.measured
-        return found
+        return np.concatenate(parts) / self._scale + self.measured
 
 
 class EmulatedCurves:
@@ -224,13 +223,11 @@ class EmulatedProblem:
             for i, p in enumerate(self.problem.parameters)
             if p.prior is not None
         ]
-        white: FloatArray = np.column_stack([self.residuals(values, ordinates), *of_priors]) @ self._white.T
-        return white
+        return np.column_stack([self.residuals(values, ordinates), *of_priors]) @ self._white.T
 
     def misfit(self, values: FloatArray, ordinates: FloatArray | None = None) -> FloatArray:
         """−2 log (k,) of the posterior density, which is even in the coordinates of the box by itself."""
-        found: FloatArray = (self.white(values, ordinates) ** 2).sum(axis=1)
-        return found
+        return (self.white(values, ordinates) ** 2).sum(axis=1)
 
     def unknown(self, values: FloatArray) -> FloatArray:
         """Variance (k,) of what the emulator does not know at values (k, n_parameters), as a part of Fopt."""

@@ -71,8 +71,7 @@ class GaussianProcess:
     def __call__(self, points: FloatArray) -> FloatArray:
         """Outputs (n, n_outputs) at points (n, d)."""
         process = _kernel(points, self.points, self.lengths, NO_SLOPES, self.sloped) @ self.weights
-        found: FloatArray = _trend(points, NO_SLOPES, self.powers) @ self.coefficients + process
-        return found
+        return _trend(points, NO_SLOPES, self.powers) @ self.coefficients + process
 
     def variance(self, points: FloatArray) -> FloatArray:
         """Variance (n, n_outputs) of the outputs at points (n, d); ``UNKNOWN`` where nothing tells it."""
@@ -80,8 +79,7 @@ class GaussianProcess:
         kernel = _kernel(points, self.points, self.lengths, NO_SLOPES, self.sloped)
         rest = _trend(points, NO_SLOPES, self.powers) - kernel @ through
         shares = 1.0 - (kernel @ inverse * kernel).sum(axis=1) + (rest @ normal * rest).sum(axis=1)
-        found: FloatArray = np.maximum(shares, 1e-12)[:, None] * self._sizes
-        return found
+        return np.maximum(shares, 1e-12)[:, None] * self._sizes
 
     def _covariance(self, lengths: FloatArray, nugget: float) -> FloatArray:
         covariance = _kernel(self.points, self.points, lengths, self.sloped, self.sloped)
@@ -250,15 +248,13 @@ class Emulator:
         """Ordinates (n, n_points) at values (n, n_parameters)."""
         total, free = self._coordinates(values)
         curves = self.mean + self.process(self._scaled(free)) @ self.axes
-        ordinates: FloatArray = curves * total[:, None] * self.scale
-        return ordinates
+        return curves * total[:, None] * self.scale
 
     def variance(self, values: FloatArray) -> FloatArray:
         """Variance (n, n_points) of the ordinates at values (n, n_parameters)."""
         total, free = self._coordinates(values)
         of_curves = self.process.variance(self._scaled(free)) @ self.axes**2
-        found: FloatArray = of_curves * (total[:, None] * self.scale) ** 2
-        return found
+        return of_curves * (total[:, None] * self.scale) ** 2
 
     def _coordinates(self, values: FloatArray) -> tuple[FloatArray, FloatArray]:
         """Coordinate that the curves are in proportion to (n,), and the other coordinates (n, d)."""
@@ -284,15 +280,12 @@ class Emulator:
         """Slopes (n, n_points, d) of curves over their total stiffness, in the scaled coordinates."""
         width = (self.upper - self.lower) / 2.0
         if self.weights is None:
-            scaled: FloatArray = slopes * width
-            return scaled
+            return slopes * width
         # With the total held: what one share gains, the last one loses.
         weights = np.where(self.weights > 0.0, self.weights, 1.0)
         by_share = slopes / weights - slopes[:, :, [self._last]] / weights[self._last]
         rates = np.where(self.is_modulus, by_share, slopes / total[:, None, None])
-        found: FloatArray = rates[:, :, self._free] * width
-        return found
+        return rates[:, :, self._free] * width
 
     def _scaled(self, free: FloatArray) -> FloatArray:
-        scaled: FloatArray = 2.0 * (free - self.lower) / (self.upper - self.lower) - 1.0
-        return scaled
+        return 2.0 * (free - self.lower) / (self.upper - self.lower) - 1.0

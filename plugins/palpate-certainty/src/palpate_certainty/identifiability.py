@@ -124,8 +124,7 @@ class QuadraticForm:
         # A direction without effect has a very large width, not an infinite one.
         covariance = (axes / np.maximum(sizes, 1e-12 * max(sizes[-1], 1e-300))) @ axes.T
         widths = np.sqrt(np.diag(covariance))
-        correlation: FloatArray = covariance / np.outer(widths, widths)
-        return correlation
+        return covariance / np.outer(widths, widths)
 
 
 def _least_in_box(matrix: FloatArray, offset: FloatArray) -> FloatArray:
@@ -286,8 +285,7 @@ class _Case:
             emulated = self.curves.emulated[spot]
             assert emulated is not None
             parts.append(self.curves.residuals(self.scenario, spot, emulated.process(points)))
-        found: FloatArray = np.concatenate(parts, axis=1) / np.sqrt(len(self.spots))
-        return found
+        return np.concatenate(parts, axis=1) / np.sqrt(len(self.spots))
 
     @cached_property
     def fit(self) -> _Fit | None:
@@ -327,8 +325,7 @@ class _Case:
     def at(self) -> FloatArray:
         """Point of the box where the best set is."""
         values = np.array([[self.best[p.name] for p in self.parameters]])
-        at: FloatArray = _scaled(self.parameters, values)[0]
-        return at
+        return _scaled(self.parameters, values)[0]
 
     def rows(self) -> Iterator[dict[str, Any]]:
         fit = self.fit

@@ -90,8 +90,7 @@ class Laplace:
 
         Student's density may have none; bounds are aside.
         """
-        sd: FloatArray = wider(self.freedom) * np.sqrt(np.diag(self.covariance))
-        return sd
+        return wider(self.freedom) * np.sqrt(np.diag(self.covariance))
 
     @property
     def in_ranges(self) -> float:
@@ -109,8 +108,7 @@ class Laplace:
 
     @property
     def _whiten(self) -> FloatArray:
-        whiten: FloatArray = np.linalg.inv(np.linalg.cholesky(self.covariance))
-        return whiten
+        return np.linalg.inv(np.linalg.cholesky(self.covariance))
 
     def within(self, prior: Callable[[FloatArray], FloatArray] | None = None) -> "Density":
         """Cut off what is outside the box; a prior weighs points (n, n_parameters), unless all by 0."""
@@ -150,8 +148,7 @@ class Density:
     def nearest(self) -> FloatArray:
         """Point with a weight where the normal density is largest (n_parameters,)."""
         points = self.points[self.weights > 0.0]
-        nearest: FloatArray = points[np.argmin(self._squares(points))]
-        return nearest
+        return points[np.argmin(self._squares(points))]
 
     def draws(self, n: int) -> FloatArray:
         """Points (n, n_parameters), spread evenly over the weights."""
@@ -159,8 +156,7 @@ class Density:
         order = np.random.default_rng(0).permutation(len(self.points))
         cumulative = np.cumsum(self.weights[order])
         middles = (np.arange(n) + 0.5) / n * cumulative[-1]
-        drawn: FloatArray = self.points[order[np.searchsorted(cumulative, middles)]]
-        return drawn
+        return self.points[order[np.searchsorted(cumulative, middles)]]
 
     def holds(self, point: FloatArray) -> bool:
         """Whether a point is in the joint 95 % region, an ellipsoid within the box."""
@@ -170,8 +166,7 @@ class Density:
 
     def _squares(self, points: FloatArray) -> FloatArray:
         apart = points - self.centre
-        squares: FloatArray = (apart * np.linalg.solve(self.covariance, apart.T).T).sum(axis=1)
-        return squares
+        return (apart * np.linalg.solve(self.covariance, apart.T).T).sum(axis=1)
 
 
 def wider(freedom: float) -> float:
@@ -187,8 +182,7 @@ def scores_of(jacobian: FloatArray, curves: IntArray) -> FloatArray:
         axes, sizes, _ = np.linalg.svd(jacobian * (curves == curve)[:, None], full_matrices=False)
         # Least slope of a curve, over its largest, that is not rounding.
         parts.append(axes[:, sizes > 1e-9 * max(float(sizes.max()), 1e-300)])
-    scores: FloatArray = np.concatenate(parts, axis=1)
-    return scores
+    return np.concatenate(parts, axis=1)
 
 
 def laplace(
@@ -266,15 +260,13 @@ def _quantiles(values: FloatArray, weights: FloatArray, at: list[float]) -> Floa
     order = np.argsort(values)
     cumulative = np.cumsum(weights[order])
     middles = cumulative - weights[order] / 2.0
-    quantiles: FloatArray = np.interp(np.array(at) * cumulative[-1], middles, values[order])
-    return quantiles
+    return np.interp(np.array(at) * cumulative[-1], middles, values[order])
 
 
 def root_of(covariance: FloatArray) -> FloatArray:
     """Factor F (n, n) of a covariance F Fᵀ, which may be singular."""
     values, vectors = np.linalg.eigh(covariance)
-    root: FloatArray = vectors * np.sqrt(np.maximum(values, 0.0))
-    return root
+    return vectors * np.sqrt(np.maximum(values, 0.0))
 
 
 def whitening(scores: FloatArray, covariance: FloatArray, groups: FloatArray) -> FloatArray:
@@ -287,11 +279,9 @@ def whitening(scores: FloatArray, covariance: FloatArray, groups: FloatArray) ->
         scipy.linalg.solve_triangular(_root(part.T @ covariance @ part), part.T, lower=True)
         for part in (scores, scipy.linalg.null_space(scores.T))
     ]
-    found: FloatArray = np.concatenate(white) @ groups
-    return found
+    return np.concatenate(white) @ groups
 
 
 def _root(covariance: FloatArray) -> FloatArray:
     jitter = 1e-12 * np.trace(covariance) / len(covariance)
-    root: FloatArray = np.linalg.cholesky(covariance + jitter * np.eye(len(covariance)))
-    return root
+    return np.linalg.cholesky(covariance + jitter * np.eye(len(covariance)))

@@ -23,13 +23,11 @@ def likeliest(assessed: Assessed) -> Assessed:
     def residuals(point: FloatArray) -> FloatArray:
         found = at(point).residuals
         # Independent residual, in standard deviations, of values that cannot be simulated.
-        missed: FloatArray = np.full(len(white), 1e3) if found is None else white @ found
-        return missed
+        return np.full(len(white), 1e3) if found is None else white @ found
 
     def slopes(point: FloatArray) -> FloatArray:
         found = at(point).jacobian
-        rates: FloatArray = np.zeros((len(white), point.size)) if found is None else white @ found
-        return rates
+        return np.zeros((len(white), point.size)) if found is None else white @ found
 
     def point_of(shares: FloatArray) -> FloatArray:
         return box.point(box.lower + (box.upper - box.lower) * shares)

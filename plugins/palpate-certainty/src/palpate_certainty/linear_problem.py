@@ -107,8 +107,7 @@ class LinearProblem:
     @property
     def n_points(self) -> IntArray:
         """Measured points (n,) that each residual is the average of."""
-        counts: IntArray = (self.groups > 0.0).sum(axis=1)
-        return counts
+        return (self.groups > 0.0).sum(axis=1)
 
     def averaged(self) -> Self:
         """Problem whose residuals are averages of neighbours on long curves."""
@@ -151,8 +150,7 @@ class LinearProblem:
         """Orthonormal directions (n, n - n_parameters) of the residuals that no parameter explains."""
         # Priors of what spots share hold the mean alone, where each spot has values of its own.
         held = (self.rows.channel >= 0) | self.slopes.any(axis=1)
-        free: FloatArray = np.eye(held.size)[:, held] @ scipy.linalg.null_space(self.slopes[held].T)
-        return free
+        return np.eye(held.size)[:, held] @ scipy.linalg.null_space(self.slopes[held].T)
 
     @cached_property
     def stated(self) -> FloatArray:
@@ -190,8 +188,7 @@ class LinearProblem:
 
     def covariance(self, errors: ResidualErrors) -> FloatArray:
         """Covariance (n, n) of the residuals by every source of error."""
-        covariance: FloatArray = np.sum([part @ part.T for part in self.columns(errors).values()], axis=0)
-        return covariance
+        return np.sum([part @ part.T for part in self.columns(errors).values()], axis=0)
 
     def rest(self, model: NoiseModel) -> FloatArray:
         """Covariance (n, n) of the residuals by noise and discrepancy."""

@@ -60,8 +60,7 @@ class SpotMesh:
     def of_extrapolation(self, convergence: MeshConvergence, added: FloatArray) -> FloatArray:
         """Error (n,) of a correction that adds ``added`` (n,), a share of the extrapolation with its sign."""
         share = self.refinement.left_over(convergence)
-        error: FloatArray = ASSUMED.extrapolation * share / (1.0 + share) * added
-        return error
+        return ASSUMED.extrapolation * share / (1.0 + share) * added
 
 
 def independent_parts(error: FloatArray, along: FloatArray) -> list[FloatArray]:

@@ -140,16 +140,14 @@ class _Ensemble:
     def run(self, n: int) -> FloatArray:
         """Go on for n steps, and return all of the chain (n_steps, n_walkers, n_parameters)."""
         self._state = self._sampler.run_mcmc(self._state, n, skip_initial_state_check=True)
-        chain: FloatArray = self._sampler.get_chain()
-        return chain
+        return self._sampler.get_chain()
 
 
 def _spread(start: FloatArray, rng: np.random.Generator) -> FloatArray:
     """Different points for the walkers near the points of the start, within the box."""
     chosen = start[rng.integers(len(start), size=max(N_WALKERS, 8 * start.shape[1]))]
     width = np.maximum(start.std(axis=0), 1e-4)
-    spread: FloatArray = np.clip(chosen + 0.1 * width * rng.normal(size=chosen.shape), 1e-9, 1.0 - 1e-9)
-    return spread
+    return np.clip(chosen + 0.1 * width * rng.normal(size=chosen.shape), 1e-9, 1.0 - 1e-9)
 
 
 def _split_r(chains: FloatArray) -> FloatArray:
@@ -159,8 +157,7 @@ def _split_r(chains: FloatArray) -> FloatArray:
     split = halves.reshape(len(halves), -1, chains.shape[-1])
     within = split.var(axis=1, ddof=1).mean(axis=0)
     between = split.mean(axis=1).var(axis=0, ddof=1)
-    ratio: FloatArray = np.sqrt(1.0 + between / np.maximum(within, 1e-300))
-    return ratio
+    return np.sqrt(1.0 + between / np.maximum(within, 1e-300))
 
 
 def _autocorrelation(chains: FloatArray) -> FloatArray:
@@ -177,5 +174,4 @@ def _autocorrelation(chains: FloatArray) -> FloatArray:
     # Lags that count for an autocorrelation time, in such times.
     is_long = np.arange(n)[:, None] >= 5.0 * times
     ends = np.where(is_long.any(axis=0), is_long.argmax(axis=0), n - 1)
-    found: FloatArray = np.maximum(times[ends, np.arange(times.shape[1])], 1.0)
-    return found
+    return np.maximum(times[ends, np.arange(times.shape[1])], 1.0)

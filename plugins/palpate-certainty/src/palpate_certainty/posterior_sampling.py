@@ -61,8 +61,7 @@ class Posterior:
         """Errors (n, n_ordinates) of the emulator at the simulated draws, over the measured peaks."""
         assert self.density.emulated is not None
         emulated = self.density.emulated(self.checked.values)
-        missed: FloatArray = np.abs(emulated - self.checked.ordinates) / self.density.curves.peak
-        return missed
+        return np.abs(emulated - self.checked.ordinates) / self.density.curves.peak
 
     @property
     def shift(self) -> FloatArray:
@@ -75,8 +74,7 @@ class Posterior:
         mean, sd = self.values.mean(axis=0), np.maximum(self.values.std(axis=0), 1e-300)
         columns = np.column_stack([np.ones(len(values)), (values - mean) / sd])
         tilt = np.linalg.lstsq(columns, -0.5 * (real - emulated), rcond=None)[0][1:]
-        moved: FloatArray = np.cov(self.values / sd, rowvar=False).reshape(tilt.size, -1) @ tilt * sd
-        return moved
+        return np.cov(self.values / sd, rowvar=False).reshape(tilt.size, -1) @ tilt * sd
 
     @property
     def volume(self) -> float:

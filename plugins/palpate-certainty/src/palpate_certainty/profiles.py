@@ -126,8 +126,7 @@ def refitted(
             slopes = slopes_at(white, point[None], white(point[None]), free)[0]
             point[free] += linear_least(slopes, -residual, -point[free], 1.0 - point[free])
     both = np.stack([(each**2).sum(axis=1) for each in (residuals, solved(moved))])
-    least: FloatArray = np.fmin(*both)
-    return least
+    return np.fmin(*both)
 
 
 N_EVEN = 13
@@ -165,8 +164,7 @@ def _started(residuals: Residuals, points: FloatArray, free: BoolArray) -> Float
         tried.append(points.copy())
         tried[-1][:, free] = start
     fopts = [(residuals(each) ** 2).sum(axis=1) for each in tried]
-    started: FloatArray = np.stack(tried)[np.argmin(fopts, axis=0), np.arange(len(points))]
-    return started
+    return np.stack(tried)[np.argmin(fopts, axis=0), np.arange(len(points))]
 
 
 def fitted(residuals: Residuals, points: FloatArray, free: BoolArray) -> tuple[FloatArray, FloatArray]:

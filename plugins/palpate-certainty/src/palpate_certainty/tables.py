@@ -161,8 +161,7 @@ def density_of(found: Laplace, problem: Problem, around: FloatArray | None = Non
     def weights(shares: FloatArray) -> FloatArray:
         # Before any curve each is spread evenly along its coordinate, as a search steps in it.
         points = box.point(box.lower + width * shares)
-        even: FloatArray = problem.accepts(points) / np.prod(box.rates(points) / width, axis=1)
-        return even
+        return problem.accepts(points) / np.prod(box.rates(points) / width, axis=1)
 
     if around is None:
         return found.within(weights)

@@ -127,8 +127,7 @@ class _Flow:
 
     def _answer(self, future: Future, index: int) -> list[tuple[int, Simulation]]:
         if future.status == "finished":
-            found: list[tuple[int, Simulation]] = pickle.loads(future.result())
-            return found
+            return pickle.loads(future.result())
         if future.status == "error":
             error = future.exception()
             if isinstance(error, KilledWorker):

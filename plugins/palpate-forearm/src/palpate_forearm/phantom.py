@@ -158,8 +158,7 @@ class Phantom:
         cos, sin = np.cos(angle_rad), np.sin(angle_rad)
         along = -(da * b * cos**2 + a * db * sin**2)
         n = np.stack(np.broadcast_arrays(along, b * cos, a * sin), axis=-1).astype(np.float64)
-        unit: FloatArray = n / np.linalg.norm(n, axis=-1, keepdims=True)
-        return unit
+        return n / np.linalg.norm(n, axis=-1, keepdims=True)
 
     def skin_surface(self, spacing_mm: float = 1.5) -> Surface:
         """The outer surface, closed by a flat face at each end.

@@ -50,8 +50,7 @@ FORCE_OVER_TIME, TORQUE_OVER_TIME = (
 def reduced_relaxation(time_s: FloatArray, times_s: FloatArray, shares: FloatArray) -> FloatArray:
     """Modulus (n, ...) after times (n,), over that at once; shares (m, ...) relax with constants (m,)."""
     gone: FloatArray = -np.expm1(-time_s[:, None] / times_s)
-    left: FloatArray = 1.0 - gone @ shares
-    return left
+    return 1.0 - gone @ shares
 
 
 def loss_tangent(frequency: FloatArray, times_s: FloatArray, shares: FloatArray) -> FloatArray:
@@ -78,8 +77,7 @@ def relaxed(time_s: FloatArray, ordinate: FloatArray, times_s: FloatArray, share
     history[0] = ordinate[0]
     for k, rise in enumerate(np.diff(ordinate)):
         history[k + 1] = kept[k] * history[k] + added[k] * rise
-    found: FloatArray = ordinate - (ordinate[:, None] - history) @ shares
-    return found
+    return ordinate - (ordinate[:, None] - history) @ shares
 
 
 @dataclass(frozen=True, slots=True, eq=False)

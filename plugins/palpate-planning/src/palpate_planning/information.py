@@ -116,13 +116,11 @@ class ExpectedError:
     @property
     def sds(self) -> FloatArray:
         """Standard deviations (n_parameters,) of normal densities with the same 95 % intervals."""
-        sds: FloatArray = wider(self.freedom) * np.sqrt(np.diag(self.covariance))
-        return sds
+        return wider(self.freedom) * np.sqrt(np.diag(self.covariance))
 
     def mesh_bias(self, along: FloatArray) -> FloatArray:
         """Largest change (n,) of combinations (n, n_parameters) a by the meshes: Σ_i |a J⁺c_i|."""
-        bias: FloatArray = np.abs(along @ self.by_meshes).sum(axis=1)
-        return bias
+        return np.abs(along @ self.by_meshes).sum(axis=1)
 
     def rms(self, along: FloatArray) -> FloatArray:
         """Root mean square error (n,) of combinations (n, n_parameters): √(variance + bias²).
@@ -132,8 +130,7 @@ class ExpectedError:
         """
         of_meshes = np.sum((along @ self.by_meshes) ** 2, axis=1)
         others = np.maximum(np.sum(along @ self.covariance * along, axis=1) - of_meshes, 0.0)
-        found: FloatArray = np.sqrt(wider(self.freedom) ** 2 * others + self.mesh_bias(along) ** 2)
-        return found
+        return np.sqrt(wider(self.freedom) ** 2 * others + self.mesh_bias(along) ** 2)
 
 
 @final
@@ -228,14 +225,12 @@ def _covariance(mine: Mapping[str, FloatArray], theirs: Mapping[str, FloatArray]
 
 
 def _factor(covariance: FloatArray) -> FloatArray:
-    root: FloatArray = np.linalg.cholesky(covariance).astype(np.float64)
-    return root
+    return np.linalg.cholesky(covariance).astype(np.float64)
 
 
 def _divided(root: FloatArray, columns: FloatArray) -> FloatArray:
     """Solve a lower triangular system for columns (n, k)."""
-    solved: FloatArray = scipy.linalg.solve_triangular(root, columns, lower=True, check_finite=False)
-    return solved
+    return scipy.linalg.solve_triangular(root, columns, lower=True, check_finite=False)
 
 
 def press_information(
@@ -266,8 +261,7 @@ def _without(free: FloatArray, columns: FloatArray) -> FloatArray:
     axes, sizes, _ = np.linalg.svd(free, full_matrices=False)
     # Share of the largest information below which a direction counts as not seen.
     taken = axes[:, sizes > 1e-12 * max(sizes.max(initial=0.0), 1e-300)]
-    left: FloatArray = columns - taken @ (taken.T @ columns)
-    return left
+    return columns - taken @ (taken.T @ columns)
 
 
 def _noise(rows: ResidualLayout, errors: ErrorSizes, channels: tuple[str, ...]) -> FloatArray:
@@ -314,5 +308,4 @@ def _root(n: int) -> FloatArray:
     """Independent parts (n, n) of a discrepancy of size 1 at places that are ``SPACING`` apart."""
     places = SPACING * np.arange(n)
     correlation = matern(np.abs(places[:, None] - places))
-    root: FloatArray = np.linalg.cholesky(correlation + 1e-10 * np.eye(n)).astype(np.float64)
-    return root
+    return np.linalg.cholesky(correlation + 1e-10 * np.eye(n)).astype(np.float64)

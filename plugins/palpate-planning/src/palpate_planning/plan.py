@@ -420,5 +420,4 @@ def bands(goal: Goal, density: Density) -> tuple[FloatArray, FloatArray]:
 
 def shares_of(goal: Goal) -> FloatArray:
     """Goal's values (n_parameters,) as shares of the ranges."""
-    shares: FloatArray = (goal.values - goal.lower) / goal.ranges
-    return shares
+    return (goal.values - goal.lower) / goal.ranges

@@ -261,8 +261,7 @@ def _simulated(
 def _as_large(column: FloatArray, problem: Problem, first: Problem, channel: str) -> FloatArray:
     """Change by a cause of a curve that is larger or smaller than at the first point."""
     here, there = (np.abs(p.terms[0].measured[channel].ordinate).max() for p in (problem, first))
-    scaled: FloatArray = column * (here / there)
-    return scaled
+    return column * (here / there)
 
 
 def _stated(

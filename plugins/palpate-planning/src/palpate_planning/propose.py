@@ -258,8 +258,7 @@ class PlanningStage:
         assert best is not None
         drawn = box.point(box.lower + (box.upper - box.lower) * self.assessed.density.draws(n - 1))
         points = np.concatenate([best.point[None], drawn])
-        accepted: FloatArray = points[problem.accepts(points)]
-        return accepted
+        return points[problem.accepts(points)]
 
 
 def check_options(design: DesignProblem, options: PlanOptions) -> None:

@@ -131,8 +131,7 @@ class PressStates:
         """A quantity (k,) at the states; None for an area without a threshold."""
         if attribute in ("depth_mm", "force_N"):
             return np.asarray(getattr(self, attribute))
-        found: FloatArray | None = getattr(self.contact, attribute)
-        return found
+        return getattr(self.contact, attribute)
 
     def value(self, attribute: str) -> float | None:
         """The quantity at the largest force."""

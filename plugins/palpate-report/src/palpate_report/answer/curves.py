@@ -16,8 +16,7 @@ def residuals(measured: Curve, simulated: Curve) -> FloatArray:
         values, _ = interpolate(simulated.abscissa, simulated.ordinate, measured.abscissa)
     except CurveError:
         return np.full(measured.abscissa.size, np.nan)
-    left: FloatArray = values - measured.ordinate
-    return left
+    return values - measured.ordinate
 
 
 def fits_at(data: ReportData, spot: str) -> list[tuple[str, Mapping[str, Curve]]]:

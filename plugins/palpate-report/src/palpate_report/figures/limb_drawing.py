@@ -116,5 +116,4 @@ def _picture(layer: Layer, low: FloatArray, high: FloatArray) -> FloatArray:
     axis.add_collection(faces)
     canvas: Any = FigureCanvasAgg(figure)
     canvas.draw()
-    pixels: FloatArray = np.asarray(canvas.buffer_rgba()) / 255.0
-    return pixels
+    return np.asarray(canvas.buffer_rgba()) / 255.0

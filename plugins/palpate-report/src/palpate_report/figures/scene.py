@@ -143,8 +143,7 @@ def _moved(limb: Limb, points: FloatArray, pose: FloatArray) -> list[list[float]
     rotation *= Rotation.from_rotvec([0.0, 0.0, turn], degrees=True)
     axes = spot_axes(limb.spot.normal, limb.spot.along)
     inside = rotation.apply((points - limb.spot.position_mm) @ axes) + np.array([shift_x, shift_y, -depth])
-    there: list[list[float]] = np.round(limb.spot.position_mm + inside @ axes.T, 2).T.tolist()
-    return there
+    return np.round(limb.spot.position_mm + inside @ axes.T, 2).T.tolist()
 
 
 def coarsened(parts: tuple[ViewPart, ...], most: int) -> tuple[ViewPart, ...]:
