@@ -18,9 +18,9 @@ ROOT = Path(__file__).parents[2]
 LONGEST_FILE = 500
 LONGEST_FUNCTION = 45
 MOST = {
-    "lines": 78_331,
-    "lines of the core": 33_684,
-    "classes": 654,
+    "lines": 78_179,
+    "lines of the core": 33_623,
+    "classes": 653,
     "constants": 690,
     "long files": 0,
     "long functions": 6,
