@@ -3,6 +3,7 @@
 import re
 import tomllib
 import unicodedata
+from collections.abc import Sequence
 from functools import cache
 from importlib.resources import files
 from itertools import product
@@ -66,6 +67,7 @@ _ANNOTATIONS = frozenset(_TABLES["usual"]["annotations"].split())
 """Words in brackets that are no units."""
 
 _WIDE = str.maketrans("（）［］【】：／", "()[][]:/")
+_UNITS_STATED = re.compile(r"(?im)^\W*units?\s*[:=]\s*\[?(.*?)\]?\s*$")
 _PLAIN = str.maketrans({"ł": "l", "Ł": "L", "ø": "o", "Ø": "O", "ı": "i", "ß": "ss", "µ": "u", "μ": "u"})
 _BRACKETED = re.compile(r"[\s_]*[\[({<]\s*([^\[\](){}<>]*?)\s*[\])}>]\s*")
 _SIGN = re.compile(r"[\[(][^\])]*(positive|negative)[^\])]*[\])]", re.IGNORECASE)
@@ -73,6 +75,7 @@ _SIGN = re.compile(r"[\[(][^\])]*(positive|negative)[^\])]*[\])]", re.IGNORECASE
 _NEWTON, _PRODUCT = re.compile(r"([kmuµμn]?N)(mm|cm|m)"), re.compile(r"(?<=[^\W\d_])[ ._-](?=[^\W\d_])")
 _PART = re.compile(r"(?:1/1(0+)|0\.(0+1)|1(?:0\^|e)-(\d))[ *·×]*(?=[^\W\d])(.+)")
 """Unit behind a power of ten, 0.001 mm, 1/10 N or 10^-3 in; 10 N and 0.1 N may be the range of a cell."""
+_LONGEST_UNIT = 20
 _POWER = re.compile(r"(?<=[^\W\d_])\^?(\d)$")
 
 
@@ -142,6 +145,25 @@ def bare_unit(cell: str) -> str:
     before = bare.partition(",")[0]  # N, compression negative
     bare = before if before != bare and kind_of(before) else bare
     return "" if bare in {"-", "--", "1"} else bare
+
+
+def is_units_line(cells: Sequence[str]) -> bool:
+    """Whether most cells of a line are units, as some loggers write them under the names."""
+    filled = [cell for cell in cells if bare_unit(cell)]
+    known = [c for c in filled if is_believed(c) or (bare_unit(c) != c and kind_of(bare_unit(c)))]
+    return 0 < len(filled) <= 2 * len(known) and all(len(cell) <= _LONGEST_UNIT for cell in filled)
+
+
+def stated_units(head: str, names: Sequence[str]) -> list[str]:
+    """Units of some columns in the text above them: ``units: s, mm``, ``force: mN`` or ``force in mN``."""
+    for line in _UNITS_STATED.findall(head):
+        cells = re.split(r"[,;\t|]\s*", line)
+        if len(cells) == len(names) and is_units_line(cells):
+            return [bare_unit(cell) for cell in cells]
+    behind = r"(?: units?)?\W*?(?:[:=(\[]|\bin\b)\s*([^\s,;)\]}]+)"
+    found = [{*re.findall(rf"(?i)(?<!\w){re.escape(name)}{behind}", head)} for name in names]
+    known = [{unit for unit in units if is_believed(unit)} for units in found]
+    return ["".join(units) if len(units) == 1 else "" for units in known]
 
 
 def plain_letters(text: str) -> str:

@@ -4,14 +4,14 @@ import io
 import re
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
-from itertools import accumulate, zip_longest
+from itertools import accumulate, product, zip_longest
 from typing import TYPE_CHECKING, Literal
 
 from pydantic import Field
 
 from palpate.domain.component import Settings
 from palpate.errors import CurveError
-from palpate.experiment.delimited.header_units import bare_unit, is_believed, kind_of, unit_in
+from palpate.experiment.delimited.header_units import bare_unit, is_units_line, kind_of, stated_units, unit_in
 
 if TYPE_CHECKING:
     import polars as pl
@@ -46,7 +46,7 @@ _UNIT_LABELS = frozenset(("y_unit_label", "unit", "units", "einheit", "einheiten
 """First cells, in small letters, of a line above the names that holds the units of the columns below it."""
 _COMMENT_LABEL = re.compile(r"(columns?|fields?|names?|spalten)\s*[:=]\s*", re.IGNORECASE)
 _SNIFFED_LINES, _SAMPLED_LINES, _SAMPLED_ROWS = 400, 60, 20
-_LONGEST_LINE, _LONGEST_UNIT, _LONGEST_PREAMBLE = 100_000, 20, 4000
+_LONGEST_LINE, _LONGEST_PREAMBLE = 100_000, 4000
 
 
 Encoding = Literal["utf-8", "utf-16", "latin-1", "cp1252", "cp1251", "cp1250", "shift_jis", "gb18030"]
@@ -170,9 +170,11 @@ def cells_of(lines: "pl.DataFrame", delimiter: str, indices: Iterable[int]) -> "
     return read[1:].fill_null("").rename(dict(zip(read.columns, map(str, wanted), strict=True)))
 
 
-def _rows(lines: "pl.DataFrame", delimiter: str) -> list[list[str]]:
+def _rows(lines: "Sequence[str] | pl.Series", delimiter: str) -> list[list[str]]:
     """Cells of each of some lines."""
-    parted = split(lines, delimiter)
+    import polars as pl
+
+    parted = split(pl.DataFrame({"text": lines}), delimiter)
     counts = parted["n_cells"].to_list()
     cells = cells_of(parted, delimiter, range(max(counts))).rows()
     return [[cell.strip() for cell in row[:n]] for row, n in zip(cells, counts, strict=True)]
@@ -224,7 +226,7 @@ def find_layout(source: str, lines: "pl.DataFrame", wanted: TextFormat) -> Layou
             f"{source}: no names and no rows after line {skipped}; lower skip_lines, or export again"
         )
     delimiter, decimal = _marks(source, body.tail(_SAMPLED_LINES), wanted)
-    numbers, rows = body["line"].to_list(), _rows(body, delimiter)
+    numbers, rows = body["line"].to_list(), _rows(body["text"], delimiter)
     if wanted.decimal is None:
         _check_thousands(source, rows, decimal)
     kinds = [[kind_of_cell(cell, decimal) for cell in cells] for cells in rows]
@@ -240,7 +242,7 @@ def find_layout(source: str, lines: "pl.DataFrame", wanted: TextFormat) -> Layou
     over: list[str] = []
     if header is not None and wanted.names is None:
         nearest = body_of(every.filter(every["line"] == numbers[header] - 1), comment)
-        over = _rows(nearest, delimiter)[0] if len(nearest) else []
+        over = _rows(nearest["text"], delimiter)[0] if len(nearest) else []
         names = _apart(names, over)
         # R counts the rows, and names no column for it.
         counts = [row[0] for row in sampled if len(row) == len(names) + 1]
@@ -265,12 +267,16 @@ def find_layout(source: str, lines: "pl.DataFrame", wanted: TextFormat) -> Layou
     between = None if delimiter == BLANKS else delimiter
     parted = ([cell.strip(' "') for cell in line.split(between)] for line in above if line)
     labels = {label.lower(): cells for label, *cells in parted}
-    under = rows[below - 1 if header is None else header + 1 : below]
-    if below > 0 and (measured := [cells for cells in under if _is_units_line(cells)]):
+    commented = (line.lstrip(f"{comment} ") for line in above if comment and line.startswith(comment))
+    remarks = _rows(found, delimiter) if (found := [*filter(None, commented)]) else []
+    under = [cells for cells in remarks if len(cells) == len(names)]
+    under += rows[max(below - 1, 0) if header is None else header + 1 : below]
+    if measured := [cells for cells in under if is_units_line(cells)]:
         units = [bare_unit(cell) for cell in measured[-1]]
     else:  # a name's own unit counts first: LabVIEW labels what nobody has set with volts
         labelled = (["", *labels[label]] for label in reversed(labels) if label in _UNIT_LABELS)
-        given = zip(names, next(labelled, over if _is_units_line(over) else []), strict=False)
+        stated = over if is_units_line(over) else stated_units("\n".join(above), names)
+        given = zip(names, next(labelled, stated), strict=False)
         units = ["" if unit_in(name)[1] else bare_unit(cell) for name, cell in given]
     kinds_of = _kinds(len(names), sampled, decimal)
     units = [*units, *[""] * len(names)][: len(names)]
@@ -300,7 +306,9 @@ def _preamble(source: str, lines: "pl.DataFrame", wanted: TextFormat) -> int:
         window = window.filter(window["text"].str.len_bytes() <= _LONGEST_LINE)
         if not (body := body_of(window, _comment_of(window["text"].to_list()))).is_empty():
             delimiter, decimal = _marks(source, body.tail(_SAMPLED_LINES), wanted)
-            kinds = [[kind_of_cell(cell, decimal) for cell in cells] for cells in _rows(body, delimiter)]
+            kinds = [
+                [kind_of_cell(cell, decimal) for cell in cells] for cells in _rows(body["text"], delimiter)
+            ]
             if _first_row(kinds) < len(kinds):
                 return after
     return 0
@@ -363,7 +371,7 @@ def _marks(source: str, lines: "pl.DataFrame", wanted: TextFormat) -> tuple[str,
     marks = [(d, m) for d in delimiters for m in decimals if d != m or has_quotes]
     if not marks:
         raise CurveError(f"{source}: delimiter and decimal are both ','; give another delimiter")
-    rows = {delimiter: _rows(lines, delimiter) for delimiter in delimiters}
+    rows = {delimiter: _rows(lines["text"], delimiter) for delimiter in delimiters}
     return max(marks, key=lambda mark: _likelihood(rows[mark[0]], *mark))
 
 
@@ -425,9 +433,9 @@ def _header(
     if is_row or _filled(rows[header]) < fewest:
         return None, start
     above = rows[header - 1] if header > 1 and wanted.skip_lines is None else []
-    if _is_units_line(above) and len({*rows[header]}) < len(above) == _filled(rows[header - 2]):
+    if is_units_line(above) and len({*rows[header]}) < len(above) == _filled(rows[header - 2]):
         header -= 2  # remarks under names and units, as of Origin
-    is_units = header > 0 and wanted.skip_lines is None and _is_units_line(rows[header])
+    is_units = header > 0 and wanted.skip_lines is None and is_units_line(rows[header])
     if is_units and not _n_values(kinds[header - 1]) and _filled(rows[header - 1]) >= fewest:
         header -= 1
     return header, next((i for i in range(header + 1, start) if _n_values(kinds[i])), max(start, header + 1))
@@ -439,18 +447,9 @@ def _is_damaged(kinds: Sequence[str]) -> bool:
     return not kinds or (_is_values(kinds) and (kinds[0] != "text" or _n_values(kinds) > n_most))
 
 
-def _is_units_line(cells: Sequence[str]) -> bool:
-    """Whether most cells of a line are units, as some loggers write them under the names."""
-    filled = [cell for cell in cells if bare_unit(cell)]
-    known = [c for c in filled if is_believed(c) or (bare_unit(c) != c and kind_of(bare_unit(c)))]
-    return 0 < len(filled) <= 2 * len(known) and all(len(cell) <= _LONGEST_UNIT for cell in filled)
-
-
 def _names(line: str, delimiter: str, width: int) -> list[str]:
     """Names of the columns in a line, each as it stands there; numbered where a cell is empty."""
-    import polars as pl
-
-    (cells,) = _rows(pl.DataFrame({"text": [line]}), delimiter)
+    (cells,) = _rows([line], delimiter)
     if delimiter == BLANKS and len(cells) != width:
         apart = re.split(r"\s{2,}|\t", line)
         with_units = re.findall(r"\S+(?:\s+[\[(][^\])]*[\])])?", line)
@@ -476,10 +475,11 @@ def period_of(names: Sequence[str]) -> int:
 def _names_in_comment(lines: Sequence[str], comment: str, delimiter: str, width: int) -> list[str]:
     """Names in the last comment before the rows; none where it holds no name for each column."""
     comments = [line for line in lines if comment and line.startswith(comment)]
-    line = _COMMENT_LABEL.sub("", comments[-1].lstrip(comment).strip(), count=1) if comments else ""
-    for between in (delimiter, *DELIMITERS.values()) if line and width else ():
+    bare = (_COMMENT_LABEL.sub("", line.lstrip(comment).strip(), count=1) for line in comments[:-3:-1])
+    for line, between in product(filter(None, bare), (delimiter, *DELIMITERS.values())):
         names = _names(line, between, width)
-        if len(names) == width and not any(kind_of_cell(name, ".") == "number" for name in names):
+        are_words = not any(kind_of_cell(name, ".") == "number" for name in names)
+        if len(names) == width > 0 and are_words and not is_units_line(names):
             return names
     return []
 

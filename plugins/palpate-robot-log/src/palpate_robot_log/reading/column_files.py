@@ -9,6 +9,7 @@ import re
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
+from types import MappingProxyType
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -195,7 +196,11 @@ def _described(name: str, texts: Mapping[str, list[str]], keys: Sequence[str], n
         places.append(f"{parent}." if parent else "")
     elif own.endswith("_values"):  # pandas
         places.append(f"{name.lower().removesuffix('values')}")
+    # Units may be together in an object for all: header.units.force.
+    ends = [f".{own}_{key}" for key in keys] + [f".{key}.{own}" for key in keys]
+    together = {tuple(of) for path, of in texts.items() if f".{path}".endswith(tuple(ends))}
     words = next((texts[at + key] for at in places for key in keys if at + key in texts), [])
+    words = words or (list(*together) if len(together) == 1 else [])
     parts = [part.strip() for part in re.split("[,;\t]", words[0])] if len(words) == 1 else []
     return parts if 1 < len(parts) == n_columns else words
 
@@ -206,11 +211,11 @@ def _upright(array: np.ndarray) -> FloatArray | None:
         return None
     shaped = array.reshape(-1, 1) if array.ndim == 1 else array
     # Rotation matrices or poses, one a row, each written row by row; MATLAB stacks them last.
-    for size in (3, 4) if shaped.ndim == 3 else ():
-        if shaped.shape[1:] == (size, size):
-            shaped = shaped.reshape(-1, size * size)
-        elif shaped.shape[:2] == (size, size):
-            shaped = np.moveaxis(shaped, 2, 0).reshape(-1, size * size)
+    for size in (3, 4) if shaped.ndim == 3 and max(shaped.shape) > 4 else ():
+        if shaped.shape[1:] in ((size, size), (size, 4)):
+            shaped = shaped.reshape(len(shaped), -1)
+        elif shaped.shape[:2] in ((size, size), (size, 4)):
+            shaped = np.moveaxis(shaped, 2, 0).reshape(shaped.shape[2], -1)
     if shaped.ndim == 2 and shaped.shape[0] < shaped.shape[1]:
         shaped = shaped.T
     if shaped.ndim != 2 or shaped.shape[0] < 2 or shaped.shape[1] > MOST_COLUMNS:
@@ -268,27 +273,52 @@ def read_json(path: Path) -> RawLog:
         text = path.read_text(encoding="utf-8-sig").strip()
         try:
             loaded = json.loads(text)
-        except ValueError:  # an object a line
+        except ValueError:  # an object a line, of which the first may describe the others
             loaded = [json.loads(line) for line in text.splitlines() if line]
+        rows, head = loaded, dict[str, Any]()
         if isinstance(loaded, dict):
-            return _log(path, "JSON", {name: np.asarray(of) for name, of in _fields(loaded)}, _NUMPY_NAME)
-        frame = pl.DataFrame([dict(_fields(row)) for row in loaded], infer_schema_length=None)
+            head = dict(_fields(loaded))
+            tables = [name for name, of in head.items() if isinstance(of, list) and isinstance(of[0], dict)]
+            rows = head.pop(tables[0]) if len(tables) == 1 else None
+        elif len(loaded) > 1 and {*loaded[0]}.isdisjoint(loaded[1]):
+            head = dict(_fields(loaded.pop(0)))
+        described = {name: np.asarray(of) for name, of in head.items()}
+        if rows is None:
+            return _log(path, "JSON", described, _NUMPY_NAME)
+        flat = [
+            {k: np.ravel(of).tolist() if _is_matrix(of) else of for k, of in _fields(row)} for row in rows
+        ]
+        frame = pl.DataFrame(flat, infer_schema_length=None)
         names = [name for name, dtype in frame.schema.items() if _is_numeric(dtype)]
         others = [f"{name} ({dtype})" for name, dtype in frame.schema.items() if name not in names]
-        return _of_frame(path, "JSON", frame.select(names), others)
+        return _of_frame(path, "JSON", frame.select(names), others, described)
+
+
+def _is_matrix(value: object) -> bool:
+    return isinstance(value, list) and bool(value) and isinstance(value[0], list)
 
 
 def _fields(value: Mapping[str, Any], prefix: str = "") -> Iterator[tuple[str, Any]]:
-    """Fields of an object and of those in it, by their path."""
+    """Fields of an object and of those in it, by their path: a list of named objects is an object of them."""
     for name, of in value.items():
-        if isinstance(of, dict):
+        if isinstance(of, list) and of and all(isinstance(each, dict) and "name" in each for each in of):
+            yield from _fields({each["name"]: each for each in of}, prefix)
+        elif isinstance(of, dict) and [*of] == [*map(str, range(len(of)))]:  # a column of pandas
+            yield f"{prefix}{name}", [*of.values()]
+        elif isinstance(of, dict):
             yield from _fields(of, f"{prefix}{name}.")
         else:
             yield f"{prefix}{name}", of
 
 
-def _of_frame(path: Path, file_format: str, frame: "pl.DataFrame", others: Sequence[str]) -> RawLog:
-    """Log of a frame's columns; ``others`` are those that hold no numbers."""
+def _of_frame(
+    path: Path,
+    file_format: str,
+    frame: "pl.DataFrame",
+    others: Sequence[str],
+    described: Mapping[str, np.ndarray] = MappingProxyType({}),
+) -> RawLog:
+    """Log of a frame's columns, by what describes them; ``others`` are columns that hold no numbers."""
     import polars as pl
 
     if frame.height < 2 or not frame.width:
@@ -316,7 +346,7 @@ def _of_frame(path: Path, file_format: str, frame: "pl.DataFrame", others: Seque
             series = series.cast(pl.Float64)
         values[series.name] = series.to_numpy()
     notes = [f"columns passed over: {listed(others)}"] if others else []
-    return _log(path, file_format, values, _POLARS_NAME, notes, units)
+    return _log(path, file_format, {**described, **values}, _POLARS_NAME, notes, units)
 
 
 def _is_numeric(dtype: "pl.DataType") -> bool:

@@ -108,6 +108,8 @@ def _read(
         return column_files.read_tdms(path)
     if head.lstrip().startswith((b"{", b"[{")):
         return column_files.read_json(path)
+    if path.suffix.lower() in (".yaml", ".yml"):
+        raise CurveError(f"{path}: YAML is not read; save its fields as JSON, or its table as CSV")
     if head and path.suffix.lower() in _BINARY:
         raise CurveError(
             f"{path}: the {path.suffix} file is damaged or cut off at its beginning; save it again"
