@@ -85,19 +85,25 @@ def groups_of(stream: Stream) -> list[Group]:
         for rank, words, axis in _splits(words_of(column.name)):
             found[rank, axis.isdigit(), words].setdefault(axis, column)
     groups, taken = [], set[str]()
+    axes = {words_of(name)[-1:]: column for name, column in stream.columns.items()}
+    of_turn = [axes.get((f"{of}{on}",)) for on in "xyz" for of in "noa"]  # axes of a tool, row by row
+    if None not in of_turn:
+        groups.append(Group(stream.name, (), tuple(filter(None, of_turn)), is_indexed=True))
+        taken = {column.name for column in groups[0].columns}
     for (_, is_indexed, words), named in sorted(found.items(), key=lambda item: item[0][:2]):
         members = {axis: column for axis, column in named.items() if column.name not in taken}
         order: Sequence[str]
         if words[-1:] in [(letters,) for letters in _ANGLES]:
             order = words[-1] if {*words[-1]} <= {*members} else ""
         elif is_indexed:
-            order = sorted(members, key=int) if len(members) in (3, 4, 6, 7, 9, 16) else []
+            order = sorted(members, key=int) if len(members) in (3, 4, 6, 7, 9, 12, 16) else []
         else:
             order = [axis for axis in _AXES if axis in members] if {*"xyz"} <= {*members} else []
         columns = [members[key] for key in order]
         if columns and "w" not in members and not is_indexed:
             # The scalar of a quaternion may have another mark: Q0, qs.
-            scalars = [one for k in (0, 1) if (one := found.get((k, True, words), {}).get("0"))]
+            numbered = (found.get((k, True, words), {}) for k in (0, 1))
+            scalars = [named["0"] for named in numbered if [*named] == ["0"]]
             columns += [one for one in scalars[:1] if _are_units(complete_rows([*columns, one]))]
         if columns:
             taken |= {column.name for column in columns}
@@ -174,7 +180,7 @@ def possible(group: Group, *, is_turned: bool, t_is_moment: bool) -> Iterator[tu
     is_place_of_force = group.words[-2:] == ("force", "p")  # the centre of pressure of OpenSim
     if of_motion or is_place_of_force or (group.is_indexed and WORDS["specimen"] & {*group.words[-1:]}):
         return
-    if n_columns == 16:
+    if n_columns in (12, 16):
         yield from _of_transform(group)
     parts: Iterable[_Part] = ()
     if n_columns == 3:
@@ -247,12 +253,12 @@ def _entries(group: Group, columns: Sequence[Column], form: str) -> list[dict[st
 
 
 def _of_transform(group: Group) -> Iterator[tuple[str, Guess]]:
-    """Position and turn of a homogeneous transform (4, 4), by columns as Franka logs it, or by rows."""
-    table, rows = complete_rows(group.columns), np.arange(16).reshape(4, 4)
+    """Position and turn of a transform (4, 4) or (3, 4), by columns as Franka logs it, or by rows."""
+    table, places = complete_rows(group.columns), np.arange(len(group.columns))
     names = np.array([column.name for column in group.columns], dtype=object)
-    for order in (rows.T, rows):
+    for order in (places.reshape(4, -1).T, places.reshape(-1, 4)):
         turn = order[:3, :3].ravel()
-        if np.allclose(table[:, order[3]], (0.0, 0.0, 0.0, 1.0)) and _are_turns(table[:, turn]):
+        if np.allclose(table[:, order[3:]], (0.0, 0.0, 0.0, 1.0)) and _are_turns(table[:, turn]):
             score = 4.0 + 1.0 * (extent(table) > 0.0)
             rank = rank_of(group.words, group.columns[0], "position", score, has_unit=False)
             place = {"columns": names[order[:3, 3]].tolist()}
