@@ -29,7 +29,7 @@ BASE_UNITS: MappingProxyType[Kind, str] = MappingProxyType(
 )
 """Unit of each kind in a recording."""
 
-_G = 9.80665
+_G, _LONGEST_UNIT = 9.80665, 20  # standard gravity; characters
 _MEASURES: tuple[tuple[Kind, str, float], ...] = (
     *((kind, base, 1.0) for kind, base in BASE_UNITS.items()),
     ("force", "kg", _G),
@@ -67,7 +67,6 @@ _ANNOTATIONS = frozenset(_TABLES["usual"]["annotations"].split())
 """Words in brackets that are no units."""
 
 _WIDE = str.maketrans("（）［］【】：／", "()[][]:/")
-_UNITS_STATED = re.compile(r"(?im)^\W*units?\s*[:=]\s*\[?(.*?)\]?\s*$")
 _PLAIN = str.maketrans({"ł": "l", "Ł": "L", "ø": "o", "Ø": "O", "ı": "i", "ß": "ss", "µ": "u", "μ": "u"})
 _BRACKETED = re.compile(r"[\s_]*[\[({<]\s*([^\[\](){}<>]*?)\s*[\])}>]\s*")
 _SIGN = re.compile(r"[\[(][^\])]*(positive|negative)[^\])]*[\])]", re.IGNORECASE)
@@ -75,7 +74,6 @@ _SIGN = re.compile(r"[\[(][^\])]*(positive|negative)[^\])]*[\])]", re.IGNORECASE
 _NEWTON, _PRODUCT = re.compile(r"([kmuµμn]?N)(mm|cm|m)"), re.compile(r"(?<=[^\W\d_])[ ._-](?=[^\W\d_])")
 _PART = re.compile(r"(?:1/1(0+)|0\.(0+1)|1(?:0\^|e)-(\d))[ *·×]*(?=[^\W\d])(.+)")
 """Unit behind a power of ten, 0.001 mm, 1/10 N or 10^-3 in; 10 N and 0.1 N may be the range of a cell."""
-_LONGEST_UNIT = 20
 _POWER = re.compile(r"(?<=[^\W\d_])\^?(\d)$")
 
 
@@ -156,7 +154,7 @@ def is_units_line(cells: Sequence[str]) -> bool:
 
 def stated_units(head: str, names: Sequence[str]) -> list[str]:
     """Units of some columns in the text above them: ``units: s, mm``, ``force: mN`` or ``force in mN``."""
-    for line in _UNITS_STATED.findall(head):
+    for line in re.findall(r"(?im)^\W*units?\s*[:=]\s*\[?(.*?)\]?\s*$", head):
         cells = re.split(r"[,;\t|]\s*", line)
         if len(cells) == len(names) and is_units_line(cells):
             return [bare_unit(cell) for cell in cells]

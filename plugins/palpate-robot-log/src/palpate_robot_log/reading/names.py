@@ -62,9 +62,14 @@ def words_of(name: str) -> tuple[str, ...]:
     >>> words_of("actual_TCP_force_0"), words_of("wrench.force.x"), words_of("Fx [N]")
     (('actual', 'tcp', 'force', '0'), ('wrench', 'force', 'x'), ('fx',))
     """
+    label = plain_letters(unit_in(name)[0])
+    of = _TABLES["components"]
+    found = re.search(of["pattern"], label)
+    if found and not has_role(rest := words_of(label.replace(found[0], ""))):
+        return (*of[found[1].lower()].split(), *rest)
     words = (
         _FOREIGN_WORD.findall(word.lower()) if word[0] >= "\u0370" else [word.lower()]
-        for word in _WORD.findall(plain_letters(unit_in(name)[0]))
+        for word in _WORD.findall(label)
     )
     return tuple(_MEANINGS.get(word, word) for word in chain.from_iterable(words))
 
@@ -248,15 +253,10 @@ def _kinds_in(stated: Set[str]) -> list[Set[str]]:
     return [stated & kind for kind in kinds if stated & kind]
 
 
-def test_of(strain: Column, stress: Column, columns: Sequence[Column], stated: Set[str]) -> Test:
-    """Mode and measures of a homogeneous test by its names.
-
-    Where they are open, other columns and the words ``stated`` above the names may show them.
-    """
-    along, of = (
-        {*words, *map("".join, pairwise(words))} for words in (words_of(strain.name), words_of(stress.name))
-    )  # pk2 is a word, and pk and 2 are
-    both = along | of
+def _measures_of(
+    strain: Column, stress: Column, along: Set[str], of: Set[str]
+) -> tuple[list[str], list[str], list[str]]:
+    """Measures of a strain and of a stress by the words of their names, and questions on them."""
     questions = [
         f"{column.name}: palpate does not convert a measure '{word}'; give nominal stress over stretch"
         for column, words in ((strain, along), (stress, of))
@@ -266,17 +266,33 @@ def test_of(strain: Column, stress: Column, columns: Sequence[Column], stated: S
         ["" if name == "nominal" else name for name, words in _MEASURES[of_which].items() if words & names]
         for of_which, names in (("strain", along), ("stress", of))
     )
-    if not kind and "kirchhoff" in of:
-        kind = [] if "piola" in of else ["true"]  # Kirchhoff's stress is J σ, and J is 1
+    if "component" in along and not measure:
+        ask = 'keep offset = 1, or write strain = "log" or "green" in its place'
+        questions.append(f"{strain.name}: nominal, logarithmic or Green-Lagrange strain? {ask}")
+    if "kirchhoff" in of and "piola" not in of:  # Kirchhoff's stress is J σ, and J is 1
+        kind = kind or ["true"]
+    kind = ["true"] if {"abaqus"} & along and {"s", "component"} <= of else kind
+    is_open = {"component"} & of or {*ROLES["stress"].words}.isdisjoint(map(_simple, of))
     if {"piola"} & of and not kind:
         questions.append(f'{stress.name}: first or second Piola-Kirchhoff? write stress = "nominal" or "pk2"')
-    elif not kind and (
-        not {*ROLES["stress"].words}.intersection(map(_simple, of)) or any(measure) > bool(questions)
-    ):
+    elif not kind and (is_open or any(measure) > bool(questions)):
         questions.append(f"{stress.name}: true, second Piola-Kirchhoff or nominal? write it as stress")
     for column, found in ((strain, measure), (stress, kind)):
         if len(found) > 1:
             questions.append(f"{column.name}: the name has two measures; write one in the settings")
+    return measure, kind, questions
+
+
+def test_of(strain: Column, stress: Column, columns: Sequence[Column], stated: Set[str]) -> Test:
+    """Mode and measures of a homogeneous test by its names.
+
+    Where they are open, other columns and the words ``stated`` above the names may show them.
+    """
+    along, of = (
+        {*words, *map("".join, pairwise(words))} for words in (words_of(strain.name), words_of(stress.name))
+    )  # pk2 is a word, and pk and 2 are
+    both = along | of
+    measure, kind, questions = _measures_of(strain, stress, along, of)
     of_mode = WORDS["shear"] | WORDS["biaxial"] | WORDS["tensile"] | WORDS["compressive"]
     kinds = [] if both & of_mode else _kinds_in(stated)
     if len(kinds) > 1:

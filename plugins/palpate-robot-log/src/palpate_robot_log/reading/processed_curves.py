@@ -149,6 +149,8 @@ def _curves(columns: Sequence[Column], stated: str) -> Proposal | None:
     channels, remarks, questions = dict[str, dict[str, Any]](), list[str](), list[str]()
     for channel, roles in _ROLES.items():
         along, of = (pick(columns, role) for role in roles)
+        if channel != FORCE.name and along is not None and not np.ptp(along.column.values) > 0.0:
+            continue
         if along is None or of is None:
             alike = [rivals(columns, role) for role in roles]
             if any(alike) and all(one or several for one, several in zip((along, of), alike, strict=True)):
@@ -158,13 +160,9 @@ def _curves(columns: Sequence[Column], stated: str) -> Proposal | None:
         remarks += [*along.remarks, *of.remarks]
         for role, one in zip(roles, (along, of), strict=True):
             question, remark = _unit_of(one, role)
-            questions += [question] * bool(question)
-            remarks += [remark] * bool(remark)
-        named = [(column.name, words_of(column.name)) for column in columns]
-        bent = [n for n, words in named if WORDS["cantilever"] & {*words} and not has_role(words, "travel")]
-        if along.column.name in bent and len(bent) > 1:
-            ask = "depth is the way less the deflection of the cantilever"
-            questions.append(f"{', '.join(bent)}: {ask}; add a column of it")
+            questions += filter(None, [question])
+            remarks += filter(None, [remark])
+        questions += _bent(along.column, columns)
         if channel == FORCE.name:
             channels[channel], placed = _placed(along, of)
             remarks += placed
@@ -188,6 +186,15 @@ def _curves(columns: Sequence[Column], stated: str) -> Proposal | None:
     if FORCE.name in channels and (mode := _mode_of(columns, stated)):
         return _specimen(columns, mode)
     return Proposal(entries=_entries(channels), remarks=tuple(remarks), questions=tuple(questions))
+
+
+def _bent(along: Column, columns: Sequence[Column]) -> Iterator[str]:
+    """Question for a length of an atomic force microscope, of which none alone is a depth."""
+    named = [(column.name, words_of(column.name)) for column in columns]
+    bent = [n for n, words in named if WORDS["cantilever"] & {*words} and not has_role(words, "travel")]
+    if along.name in bent and len(bent) > 1:
+        ask = "depth is the way less the deflection of the cantilever"
+        yield f"{', '.join(bent)}: {ask}; add a column of it"
 
 
 def _mode_of(columns: Sequence[Column], stated: str) -> str:
@@ -356,6 +363,9 @@ def _open(along: Picked, stress: Picked, columns: Sequence[Column], *, is_stretc
     if along.factor is None and not along.column.shown_unit and largest > 10.0:
         yield f"{along.column.name} goes to {largest:.4g}: in percent? give scale, 0.01 or 1"
     size, load = abs(_true_values(along) - is_stretch), abs(stress.column.values)
+    is_named = bool({*ROLES["stretch"].words} & {*words_of(along.column.name)})
+    if is_named > is_stretch and np.nanmin(load) > _AT_REST * np.nanmax(load):
+        yield f"{along.column.name}: stretch, or strain λ - 1? no row is at rest; give offset, 0 or 1"
     if 0.1 < size[0] / np.nanmax(size) < 0.9 and load[0] < _AT_REST * np.nanmax(load):
         ask = "is it zeroed there? subtract it by offset, or add the rows before"
         yield f"{along.column.name} is {along.column.values[0]:.4g} where the stress begins: {ask}"
@@ -373,9 +383,10 @@ def _is_stretch(along: Picked, load: Picked) -> bool:
     """Whether a column is a stretch by its name, and not the strain λ - 1 by its value at rest."""
     if not {*ROLES["stretch"].words} & {*words_of(along.column.name)}:
         return False
-    values = _true_values(along)
-    at_rest = values[np.argmin(np.where(np.isfinite(values), abs(load.column.values), np.inf))]
-    return bool(at_rest > 0.5 or np.nanmin(values) <= -1.0)
+    values, loads = _true_values(along), load.column.values
+    at_rest = values[np.argmin(np.where(np.isfinite(values), abs(loads), np.inf))]
+    is_pushed = bool(np.nanmax(loads) < 0.0 < np.nanmin(values))
+    return bool(at_rest > 0.5 or np.nanmin(values) <= -1.0 or is_pushed)
 
 
 def _homogeneous(columns: Sequence[Column], stated: Set[str]) -> Proposal | None:

@@ -1,0 +1,66 @@
+"""Strain and stress as components of tensors, and curves whose first row is not at rest."""
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from palpate.domain import FloatArray
+
+from .layouts_of_makers import DEPTH, FORCE, SECONDS, STRAIN, STRESS_KPA, rows
+from .test_layouts_of_makers import proposed
+
+pytestmark = pytest.mark.usefixtures("in_this_process")
+
+
+def of_text(head: str, *columns: FloatArray) -> bytes:
+    return "\n".join([head, *rows(*columns), ""]).encode()
+
+
+@pytest.mark.parametrize(
+    ("names", "strain", "stress", "question"),
+    [
+        ("LE11,S11 (kPa)", np.log1p(STRAIN), 1.0 + STRAIN, ""),
+        ("NE22,S22 (kPa)", STRAIN, 1.0 + STRAIN, ""),
+        ("E11,S11 (kPa)", STRAIN, 1.0, "E11: nominal, logarithmic or Green-Lagrange strain?"),
+        ("Exx [-],sigma_xx [kPa]", STRAIN, 1.0, "sigma_xx [kPa]: true, second Piola-Kirchhoff or nominal?"),
+        (
+            "X, E:E11 PI: CUBE-1 E: 1 IP: 1, S:S11 PI: CUBE-1 E: 1 IP: 1",
+            STRAIN,
+            1.0,
+            "shows no unit of stress",
+        ),
+    ],
+)
+def test_a_component_of_a_tensor_has_the_measure_of_its_letters(
+    names: str, strain: FloatArray, stress: FloatArray, question: str, tmp_path: Path
+) -> None:
+    columns = [SECONDS, strain, STRESS_KPA * stress][0 if names.startswith("X") else 1 :]
+    (tmp_path / "t.csv").write_bytes(of_text(names, *columns))
+    curves, problem = proposed(tmp_path / "t.csv")
+    assert question in problem
+    if not question:
+        assert curves is not None, problem
+        found = curves["uniaxial"]
+        assert (found.abscissa.max(), found.ordinate.max()) == pytest.approx((1.2, 0.012), rel=1e-4)
+
+
+def test_a_stretch_below_a_half_is_pushed_or_asked_about(tmp_path: Path) -> None:
+    stretch = np.linspace(0.45, 0.2, 41)
+    stress = 10.0 * (stretch - stretch**-2)
+    for sign in (1.0, -1.0):
+        (tmp_path / "t.csv").write_bytes(of_text("Stretch,Nominal stress (kPa)", stretch, sign * stress))
+        curves, problem = proposed(tmp_path / "t.csv")
+        if sign < 0.0:
+            assert "Stretch: stretch, or strain λ - 1? no row is at rest" in problem
+        else:
+            assert curves is not None, problem
+            assert curves["uniaxial"].abscissa.max() == pytest.approx(0.45)
+
+
+def test_a_rotation_that_never_moves_is_no_twist(tmp_path: Path) -> None:
+    head = "Disp (mm),Load (N),Rotation (deg),Torque (N-mm)"
+    (tmp_path / "t.csv").write_bytes(of_text(head, DEPTH, FORCE, 0.0 * DEPTH, 0.0 * DEPTH))
+    curves, problem = proposed(tmp_path / "t.csv")
+    assert curves is not None, problem
+    assert [*curves] == ["force"]
