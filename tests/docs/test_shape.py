@@ -18,8 +18,8 @@ ROOT = Path(__file__).parents[2]
 LONGEST_FILE = 500
 LONGEST_FUNCTION = 45
 MOST = {
-    "lines": 78_179,
-    "lines of the core": 33_623,
+    "lines": 78_264,
+    "lines of the core": 33_643,
     "classes": 653,
     "constants": 690,
     "long files": 0,
