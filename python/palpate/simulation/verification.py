@@ -64,10 +64,11 @@ def verify(
                 known[key] = row
             rows.append(row | simulation.id._asdict())
             shown = {each["key"] for each in rows}
-            every = _frame([*rows, *(each for k, each in known.items() if k not in shown)])
+            others = (each for k, each in known.items() if k not in shown)
+            every = pl.DataFrame([*rows, *others], infer_schema_length=None)
             run.write_stage("verify", {"verification": every}, {})  # each row costs as much as a simulation
         progress.step("" if row is None or row["passed"] else row["message"])
-    return _frame(rows)
+    return pl.DataFrame(rows, infer_schema_length=None)
 
 
 def _known(run: RunDirectory) -> dict[str, dict[str, Any]]:
@@ -94,7 +95,3 @@ def _row(solver: Solver, simulation: Simulation, limb: Limb | None, key: str) ->
     except PalpateError as error:
         return {**about, "passed": False, "message": str(error), "key": ""}  # no key: tried again
     return {**about, **figures, "key": key} if figures else None
-
-
-def _frame(rows: list[dict[str, Any]]) -> pl.DataFrame:
-    return pl.from_dicts(rows, infer_schema_length=None) if rows else pl.DataFrame()

@@ -69,7 +69,7 @@ def proposal_tables(proposal: Proposal) -> ProposalTables:
     return ProposalTables(
         ranking=pl.from_dicts(ranking, infer_schema_length=None),
         intervals=pl.from_dicts(_intervals(proposal)),
-        refused=pl.from_dicts(refused) if refused else pl.DataFrame(),
+        refused=pl.DataFrame(refused),
     )
 
 
@@ -141,7 +141,7 @@ def realised(
             planned = expected[name] * half_before / value
             row = {"before": half_before / value_before, "expected": planned, "realised": half / value}
             rows.append({"parameter": name, **row})
-    return pl.from_dicts(rows) if rows else pl.DataFrame()
+    return pl.DataFrame(rows)
 
 
 def _joint_intervals(intervals: pl.DataFrame) -> dict[str, tuple[float, float]]:

@@ -1,6 +1,6 @@
 """Bands of predicted curves, from draws of the fitted values."""
 
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from types import MappingProxyType
 from typing import Any, NamedTuple
 
@@ -131,9 +131,9 @@ def check_shared(values: Mapping[str, float], space: ParameterSpace, spot: str) 
         )
 
 
-def frame_rows(table: Sequence[Mapping[str, object]]) -> pl.DataFrame:
+def frame_rows(rows: Iterable[Mapping[str, object]]) -> pl.DataFrame:
     """Make a table of rows."""
-    return pl.from_dicts(table, infer_schema_length=None) if table else pl.DataFrame()
+    return pl.DataFrame(list(rows), infer_schema_length=None)
 
 
 ENDS: Mapping[str, str] = MappingProxyType(
@@ -160,7 +160,7 @@ def exceedances(
         on (null where it is not), and for ``i1_max`` where in the undeformed limb. Empty where the solver
         reports no strains.
     """
-    return frame_rows(list(_exceeded(experiment, predicted)))
+    return frame_rows(_exceeded(experiment, predicted))
 
 
 def _exceeded(
