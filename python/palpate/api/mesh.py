@@ -51,6 +51,7 @@ if TYPE_CHECKING:
         multilinear as multilinear,
         outer_faces as outer_faces,
         quadratic_simplex as quadratic_simplex,
+        surface_faces as surface_faces,
         triangles_of as triangles_of,
         with_midpoints as with_midpoints,
     )

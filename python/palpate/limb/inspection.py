@@ -17,7 +17,7 @@ from palpate.limb.outer_surface import partly_fixed, surface_shares
 from palpate.limb.supports import Support
 from palpate.limb.tidying import tidied
 from palpate.mesh.layers import outer_layer
-from palpate.mesh.topology import CELLS, outer_faces
+from palpate.mesh.topology import surface_faces
 from palpate.plugins.interfaces import LimbSource
 from palpate.plugins.optional import InspectedTable, Inspection
 from palpate.toml_text import ASKED, toml_value
@@ -198,11 +198,9 @@ def places(limb: Limb) -> list[Spot]:
     spots = []
     for target in targets:
         middle, normal = contact[tree.query(target)[1]], np.zeros(3)
-        for kind, cells in mesh.cells.items():
-            faces = outer_faces(kind, cells)
-            here = mesh.points_mm[faces[(faces == middle).any(axis=1), : CELLS[kind].n_face_corners]]
-            if len(here):
-                normal += np.cross(here[:, 1] - here[:, 0], here[:, -1] - here[:, 0]).sum(axis=0)
+        for faces, n in surface_faces(mesh):
+            here = mesh.points_mm[faces[(faces == middle).any(axis=1), :n]]
+            normal += np.cross(here[:, 1] - here[:, 0], here[:, -1] - here[:, 0]).sum(axis=0)
         if normal.any():
             if not target.any() and normal[2] > 0.99 * np.linalg.norm(normal):
                 return [limb.spot]

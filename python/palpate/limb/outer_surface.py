@@ -6,8 +6,8 @@ from dataclasses import dataclass
 import numpy as np
 import scipy
 
-from palpate.domain import BoolArray, FloatArray, IntArray, Mesh
-from palpate.mesh.topology import CELLS, outer_faces, triangles_of
+from palpate.domain import FloatArray, IntArray, Mesh
+from palpate.mesh.topology import surface_faces, triangles_of
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -28,11 +28,11 @@ class SurfaceShares:
 def surface_shares(mesh: Mesh) -> SurfaceShares:
     """Shares of a mesh's outer surface that are fixed and in contact."""
     areas = np.zeros(3)
-    for faces, _ in _outer(mesh):
+    for faces, _ in surface_faces(mesh):
         corners = mesh.points_mm[triangles_of(faces)]
         area = np.linalg.norm(np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]), axis=1)
         area = area.reshape(-1, len(faces)).sum(axis=0)
-        fixed, contact = (_mask(mesh, name)[faces].all(axis=1) for name in ("fixed", "contact"))
+        fixed, contact = (np.isin(faces, mesh.node_sets[name]).all(axis=1) for name in ("fixed", "contact"))
         areas += [area[of].sum() for of in (fixed, contact & ~fixed, ~contact & ~fixed)]
     fixed_share, contact_share, free = (areas / (areas.sum() or 1.0)).tolist()
     return SurfaceShares(fixed=fixed_share, contact=contact_share, free=free)
@@ -44,9 +44,9 @@ def partly_fixed(mesh: Mesh) -> Iterator[str]:
     A side ends at sharp edges. A midside node between fixed nodes is no part alone: its edge may end in two
     other sides. On a side in contact, only fixed nodes that make no whole face are named.
     """
-    fixed, contact = _mask(mesh, "fixed"), _mask(mesh, "contact")
+    fixed, contact = (np.isin(np.arange(mesh.n_nodes), mesh.node_sets[name]) for name in ("fixed", "contact"))
     whole, between = np.zeros((2, mesh.n_nodes), dtype=np.bool_)
-    for faces, n in _outer(mesh):
+    for faces, n in surface_faces(mesh):
         whole[faces[fixed[faces].all(axis=1)]] = True
         ends = fixed[faces[:, :n]]
         between[faces[:, n:][(ends & np.roll(ends, -1, axis=1))[:, : faces.shape[1] - n]]] = True
@@ -69,19 +69,6 @@ def partly_fixed(mesh: Mesh) -> Iterator[str]:
             f"{single} fixed nodes on the skin make no whole face of an element, so a support is fixed in "
             "part; fix all nodes of its faces, or look at the picture of `palpate limb inspect MESH`"
         )
-
-
-def _outer(mesh: Mesh) -> Iterator[tuple[IntArray, int]]:
-    """Outer faces of each kind, and how many of their nodes are corners."""
-    for kind, cells in mesh.cells.items():
-        if len(faces := outer_faces(kind, cells)):
-            yield faces, CELLS[kind].n_face_corners
-
-
-def _mask(mesh: Mesh, name: str) -> BoolArray:
-    mask = np.zeros(mesh.n_nodes, dtype=np.bool_)
-    mask[mesh.node_sets[name]] = True
-    return mask
 
 
 def _sides(mesh: Mesh) -> Iterator[IntArray]:
@@ -107,7 +94,7 @@ def _sides(mesh: Mesh) -> Iterator[IntArray]:
 def _faces(mesh: Mesh) -> tuple[IntArray, IntArray, FloatArray, IntArray, IntArray]:
     """Nodes of all outer faces and their face; normals by face; edges by number and their face."""
     nodes, owner, normals, edges, edge_owner, start = [], [], [], [], [], 0
-    for faces, n in _outer(mesh):
+    for faces, n in surface_faces(mesh):
         here = start + np.arange(len(faces))
         start += len(faces)
         corners = faces[:, :n]

@@ -82,12 +82,10 @@ def nodes_of_regions(mesh: Mesh, regions: Iterable[str]) -> IntArray:
 
 def surface_normals(mesh: Mesh, regions: Iterable[str], at: IntArray) -> FloatArray:
     """Unit outward normals (n, 3) of the surface around regions, at nodes (n,) of it."""
-    is_there = np.zeros(mesh.n_nodes, dtype=np.bool_)
-    is_there[at] = True
     normals = np.zeros_like(mesh.points_mm)
     for kind, cells in _cells_of(mesh, regions).items():
         faces = outer_faces(kind, cells)
-        faces = faces[is_there[faces].all(axis=1)]
+        faces = faces[np.isin(faces, at).all(axis=1)]
         a, b, c = (mesh.points_mm[faces[:, k]] for k in range(3))
         for node in faces.T:
             np.add.at(normals, node, np.cross(b - a, c - a))

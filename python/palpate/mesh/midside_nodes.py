@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 
 from palpate.domain import Mesh
-from palpate.mesh.topology import CELLS, outer_faces, with_midpoints
+from palpate.mesh.topology import CELLS, outer_faces, surface_faces, with_midpoints
 
 
 def can_be_quadratic(mesh: Mesh) -> bool:
@@ -29,15 +29,12 @@ def quadratic(mesh: Mesh) -> Mesh:
     if "tet4" not in mesh.cells:
         return mesh
     points, tets, ends = with_midpoints(mesh.points_mm, mesh.cells["tet4"])
-    on_surface = np.zeros(len(points), dtype=np.bool_)
-    on_surface[outer_faces("tet10", tets)] = True
+    on_surface = np.isin(np.arange(mesh.n_nodes, len(points)), outer_faces("tet10", tets))
     sets, of_surface = {}, surface_sets(mesh)
     for name, nodes in mesh.node_sets.items():
-        chosen = np.zeros(mesh.n_nodes, dtype=np.bool_)
-        chosen[nodes] = True
-        middles = chosen[ends].all(axis=1)
+        middles = np.isin(ends, nodes).all(axis=1)
         if name in of_surface:
-            middles &= on_surface[mesh.n_nodes :]
+            middles &= on_surface
         sets[name] = np.concatenate([nodes, mesh.n_nodes + np.flatnonzero(middles)])
     return replace(
         mesh,
@@ -55,7 +52,5 @@ def _renamed(of_kinds: Mapping[str, Any]) -> dict[str, Any]:
 
 def surface_sets(mesh: Mesh) -> frozenset[str]:
     """Names of the node sets that have nodes on the outer surface alone."""
-    outer = np.zeros(mesh.n_nodes, dtype=np.bool_)
-    for kind, cells in mesh.cells.items():
-        outer[outer_faces(kind, cells)] = True
-    return frozenset(name for name, nodes in mesh.node_sets.items() if outer[nodes].all())
+    outer = np.concatenate([faces.ravel() for faces, _ in surface_faces(mesh)])
+    return frozenset(name for name, nodes in mesh.node_sets.items() if np.isin(nodes, outer).all())

@@ -17,7 +17,7 @@ import numpy as np
 
 from palpate.domain import FloatArray, Indentation, Job, Limb, Mesh
 from palpate.errors import MeshError, StudyError
-from palpate.mesh.topology import CELLS, outer_faces
+from palpate.mesh.topology import surface_faces
 
 NEAR = 1.2
 """Distance from the spot up to which edges count, over the indenter's radius."""
@@ -31,14 +31,11 @@ def contact_edge_mm(limb: Limb, near_mm: float, beyond_mm: float = 0.0) -> float
     Edges nearer than ``beyond_mm`` do not count.
     """
     mesh = limb.mesh
-    on = np.zeros(mesh.n_nodes, dtype=np.bool_)
-    on[mesh.node_sets["contact"]] = True
     pairs = []
-    for kind, cells in mesh.cells.items():
-        n = CELLS[kind].n_face_corners
-        faces = outer_faces(kind, cells)[:, :n]
-        faces = faces[on[faces].all(axis=1)]
-        pairs.append(np.stack([faces, np.roll(faces, -1, axis=1)], axis=2).reshape(-1, 2))
+    for faces, n in surface_faces(mesh):
+        corners = faces[:, :n]
+        corners = corners[np.isin(corners, mesh.node_sets["contact"]).all(axis=1)]
+        pairs.append(np.stack([corners, np.roll(corners, -1, axis=1)], axis=2).reshape(-1, 2))
     if not sum(map(len, pairs)):
         raise MeshError("mesh: node set 'contact' holds no face of the surface; mark all nodes of the skin")
     ends: FloatArray = mesh.points_mm[np.unique(np.sort(np.concatenate(pairs), axis=1), axis=0)]

@@ -4,14 +4,14 @@ The numbering is the same as in VTK, meshio and FEBio: corners first, then the n
 the edges. A mesh in any of these formats needs no permutation.
 """
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from types import MappingProxyType
 
 import numpy as np
 
-from palpate.domain import FloatArray, IntArray
+from palpate.domain import FloatArray, IntArray, Mesh
 
 
 @dataclass(frozen=True)
@@ -95,6 +95,13 @@ def outer_faces(kind: str, cells: IntArray, *, febio: bool = False) -> IntArray:
     _, first, counts = np.unique(corners, axis=0, return_index=True, return_counts=True)
     outer = first[counts == 1]
     return np.asarray(faces[np.sort(outer) if febio else outer])
+
+
+def surface_faces(mesh: Mesh) -> Iterator[tuple[IntArray, int]]:
+    """Outer faces of each kind of element, and how many of their nodes are corners."""
+    for kind, cells in mesh.cells.items():
+        if len(faces := outer_faces(kind, cells)):
+            yield faces, CELLS[kind].n_face_corners
 
 
 def triangles_of(faces: IntArray) -> IntArray:

@@ -12,7 +12,7 @@ import numpy as np
 import scipy
 
 from palpate.api import FloatArray, IntArray, Limb, Mesh
-from palpate.api.mesh import CELLS, layer_of, nodes_of_regions, outer_faces, spot_axes, surface_normals
+from palpate.api.mesh import CELLS, layer_of, nodes_of_regions, spot_axes, surface_faces, surface_normals
 from palpate.api.runs import Study, mesh_note
 from palpate_certainty.assumptions import ASSUMED
 
@@ -90,8 +90,7 @@ def _resting(mesh: Mesh) -> IntArray:
     """
     fixed, cut = mesh.node_sets["fixed"], mesh.node_sets.get("cut", np.empty(0, dtype=np.int64))
     others = [np.empty(0, dtype=np.int64)]
-    for kind, cells in mesh.cells.items() if cut.size else ():
-        faces = outer_faces(kind, cells)
+    for faces, _ in surface_faces(mesh) if cut.size else ():
         is_other = np.isin(faces, fixed).all(axis=1) & ~np.isin(faces, cut).all(axis=1)
         others.append(faces[is_other].ravel())
     return np.setdiff1d(fixed, np.setdiff1d(cut, np.concatenate(others)))

@@ -21,12 +21,10 @@ def contact_faces(mesh: Mesh) -> dict[str, IntArray]:
     MeshError
         There is none.
     """
-    touchable = np.zeros(mesh.n_nodes, dtype=bool)
-    touchable[mesh.node_sets["contact"]] = True
     found: dict[str, IntArray] = {}
     for kind in sorted(mesh.cells):
         faces = outer_faces(kind, mesh.cells[kind], febio=True)
-        faces = faces[touchable[faces].all(axis=1)]
+        faces = faces[np.isin(faces, mesh.node_sets["contact"]).all(axis=1)]
         if len(faces):
             # Kinds of faces by their number of nodes.
             found[{3: "tri3", 4: "quad4", 6: "tri6"}[faces.shape[1]]] = faces

@@ -1,14 +1,13 @@
 """A picture of a mesh: its outer surface from four sides, what is fixed, in contact and free in colours."""
 
 import errno
-from collections.abc import Iterator
 from pathlib import Path
 from typing import TYPE_CHECKING
 
 import numpy as np
 
-from palpate.api import FloatArray, IntArray, Limb, Mesh
-from palpate.api.mesh import CELLS, outer_faces
+from palpate.api import FloatArray, Limb, Mesh
+from palpate.api.mesh import surface_faces
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -57,7 +56,7 @@ def _faces(mesh: Mesh) -> tuple[list[FloatArray], list[str]]:
     """Corners of each outer face, and whether it is fixed, in contact, free or fixed in part."""
     corners, states = list[FloatArray](), list[str]()
     fixed, contact = (np.isin(np.arange(mesh.n_nodes), mesh.node_sets[name]) for name in ("fixed", "contact"))
-    for faces, n in _outer(mesh):
+    for faces, n in surface_faces(mesh):
         whole, part = fixed[faces].all(axis=1), fixed[faces].any(axis=1)
         touched = contact[faces].all(axis=1)
         # A free face next to a fixed side has fixed nodes along its edge alone.
@@ -67,12 +66,6 @@ def _faces(mesh: Mesh) -> tuple[list[FloatArray], list[str]]:
             [whole, within, touched], ["fixed", "fixed in part", "in contact"], "free"
         ).tolist()
     return corners, states
-
-
-def _outer(mesh: Mesh) -> Iterator[tuple[IntArray, int]]:
-    for kind, cells in mesh.cells.items():
-        if len(found := outer_faces(kind, cells)):
-            yield found, CELLS[kind].n_face_corners
 
 
 def _view(

@@ -221,10 +221,8 @@ def moved_to_contact(limb: Limb, radius_mm: float) -> tuple[Limb, float]:
     """
     mesh = limb.mesh
     ((kind, cells),) = mesh.cells.items()
-    on = np.zeros(mesh.n_nodes, dtype=np.bool_)
-    on[mesh.node_sets["contact"]] = True
     faces = cells[:, np.array(CELLS[kind].faces)].reshape(-1, len(CELLS[kind].faces[0]))
-    faces = faces[on[faces[:, :3]].all(axis=1)]
+    faces = faces[np.isin(faces[:, :3], mesh.node_sets["contact"]).all(axis=1)]
     near = np.linalg.norm(mesh.points_mm[faces[:, :3]].mean(axis=1), axis=1) < 2.0 * radius_mm
     shares = np.stack(np.meshgrid(*(np.linspace(0.0, 1.0, 9),) * 2, indexing="ij"), axis=-1).reshape(-1, 2)
     shares = shares[shares.sum(axis=1) <= 1.0 + 1e-12]
