@@ -18,10 +18,10 @@ ROOT = Path(__file__).parents[2]
 LONGEST_FILE = 500
 LONGEST_FUNCTION = 45
 MOST = {
-    "lines": 78_264,
-    "lines of the core": 33_643,
+    "lines": 78_235,
+    "lines of the core": 33_626,
     "classes": 653,
-    "constants": 690,
+    "constants": 689,
     "long files": 0,
     "long functions": 6,
     "docstrings without a noun first": 0,

@@ -64,11 +64,10 @@ def verify(
                 known[key] = row
             rows.append(row | simulation.id._asdict())
             shown = {each["key"] for each in rows}
-            others = (each for k, each in known.items() if k not in shown)
-            every = pl.DataFrame([*rows, *others], infer_schema_length=None)
+            every = _frame([*rows, *(each for k, each in known.items() if k not in shown)])
             run.write_stage("verify", {"verification": every}, {})  # each row costs as much as a simulation
         progress.step("" if row is None or row["passed"] else row["message"])
-    return pl.DataFrame(rows, infer_schema_length=None)
+    return _frame(rows)
 
 
 def _known(run: RunDirectory) -> dict[str, dict[str, Any]]:
@@ -95,3 +94,7 @@ def _row(solver: Solver, simulation: Simulation, limb: Limb | None, key: str) ->
     except PalpateError as error:
         return {**about, "passed": False, "message": str(error), "key": ""}  # no key: tried again
     return {**about, **figures, "key": key} if figures else None
+
+
+def _frame(rows: list[dict[str, Any]]) -> pl.DataFrame:
+    return pl.DataFrame(rows, infer_schema_length=None)
