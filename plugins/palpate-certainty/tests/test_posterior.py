@@ -5,8 +5,8 @@ import pytest
 from scipy.stats import norm
 
 from palpate.domain import Scenario
-from palpate.fit.bounded import least_near
 from palpate_certainty.assessment import Assessment
+from palpate_certainty.bounded import least_near
 from palpate_certainty.posterior import Draws, draw
 from palpate_certainty.posterior_sampling import PRECISE, PosteriorSampling
 from palpate_certainty.posterior_tables import posterior_tables, sobol_indices

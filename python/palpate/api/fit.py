@@ -42,12 +42,7 @@ if TYPE_CHECKING:
         correction_like as correction_like,
         path_of as path_of,
     )
-    from palpate.fit.bounded import (
-        Residuals as Residuals,
-        least_near as least_near,
-        linear_least as linear_least,
-        slopes_at as slopes_at,
-    )
+    from palpate.fit.bounded import linear_least as linear_least
     from palpate.fit.box import Box as Box
     from palpate.fit.fitted import (
         Fitted as Fitted,

@@ -13,6 +13,7 @@ if TYPE_CHECKING:
     from palpate.fingerprints import installed_code as installed_code
     from palpate.limb.checks import check_limb as check_limb
     from palpate.limb.loading import (
+        fine_edge_mm as fine_edge_mm,
         finer_limb as finer_limb,
         limb_warnings as limb_warnings,
         load_limbs as load_limbs,
@@ -71,7 +72,6 @@ if TYPE_CHECKING:
     )
     from palpate.simulation.processor_time import processor_time as processor_time
     from palpate.simulation.sweep import Simulations as Simulations
-    from palpate.stages.adaptation import finer_inputs as finer_inputs
     from palpate.stages.core_stages import best_sets as best_sets, fit_so_far as fit_so_far
     from palpate.stages.pipeline import (
         RunResult as RunResult,

@@ -80,15 +80,13 @@ def is_finer(coarse: Limb, fine: Limb, near_mm: float) -> bool:
     return contact_edge_mm(fine, near_mm) <= FINER * contact_edge_mm(coarse, near_mm)
 
 
-def check_limb(limb: Limb, regions: Sequence[str], *, can_leave_out: bool = False) -> None:
+def check_limb(limb: Limb, regions: Sequence[str]) -> None:
     """Refuse a limb that cannot be simulated.
 
     Parameters
     ----------
     regions : sequence of str
         Regions that have a material; a limb may lack some.
-    can_leave_out : bool
-        True if the limb's source has the setting ``leave_out``, which an error then advises.
 
     Raises
     ------
@@ -104,7 +102,7 @@ def check_limb(limb: Limb, regions: Sequence[str], *, can_leave_out: bool = Fals
     _check_node_sets(mesh)
     _check_elements(mesh)
     _check_edges(mesh)
-    check_joints(limb, can_leave_out=can_leave_out)
+    check_joints(limb)
     _check_held(mesh)
     _check_spot(limb)
 

@@ -159,7 +159,7 @@ def inspected(
             limb = replace(limb, spot=spots[0])
         asked += questions((), of_bone[1], skin_of(limb))
         found |= dict.fromkeys((*questions(spots), *asked))
-        check_limb(limb, limb.mesh.regions, can_leave_out="leave_out" in source.Settings.model_fields)
+        check_limb(limb, limb.mesh.regions)
         found |= dict.fromkeys((*limb.remarks, *limb.warnings, *partly_fixed(limb.mesh)))
         shown.append(_sets(limb))
     except MeshError as error:

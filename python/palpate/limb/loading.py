@@ -172,8 +172,7 @@ def _load(study: Study, spot: Spot, path: Path) -> tuple[Limb, frozenset[str]]:
             raise TypeError(f"it returned a {type(read).__name__} and not a Limb")
     try:
         limb = tidied(read, linear=study.meshes.linear, rigid=study.meshes.rigid)
-        regions = [region.region for region in study.space.regions]
-        check_limb(limb, regions, can_leave_out="leave_out" in study.limb_source.Settings.model_fields)
+        check_limb(limb, [region.region for region in study.space.regions])
         if isinstance(protocol := study.protocol_at(spot.name), Indentation):
             check_depth(limb, protocol)
         return with_fields(limb, study.space.regions), read.mesh.used_regions

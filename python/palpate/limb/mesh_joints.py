@@ -10,10 +10,8 @@ from palpate.errors import MeshError
 from palpate.mesh.topology import CELLS
 
 
-def check_joints(limb: Limb, *, can_leave_out: bool = False) -> None:
+def check_joints(limb: Limb) -> None:
     """Refuse a limb with an element listed twice, with two nodes at one place, or with a separate part.
-
-    ``can_leave_out`` is true if the limb's source has the setting ``leave_out``.
 
     Raises
     ------
@@ -24,7 +22,7 @@ def check_joints(limb: Limb, *, can_leave_out: bool = False) -> None:
     for kind, cells in mesh.cells.items():
         _check_listed_once(kind, np.sort(cells, axis=1), mesh.points_mm[cells].mean(axis=1))
     _check_doubled_nodes(limb)
-    _check_one_part(limb, can_leave_out)
+    _check_one_part(limb)
 
 
 def _check_listed_once(kind: str, nodes: IntArray, centres: FloatArray) -> None:
@@ -55,7 +53,7 @@ def _check_doubled_nodes(limb: Limb) -> None:
     )
 
 
-def _check_one_part(limb: Limb, can_leave_out: bool) -> None:
+def _check_one_part(limb: Limb) -> None:
     mesh = limb.mesh
     n_parts, part = _connected(mesh.n_nodes, mesh.cells.values())
     if n_parts == 1:
@@ -69,8 +67,9 @@ def _check_one_part(limb: Limb, can_leave_out: bool) -> None:
         for each in (part[other], pressed)
     )
     names = [mesh.regions[i] for i in np.unique(there)]
-    is_mixed = not can_leave_out or np.isin(there, here).any()
-    how = "remove it" if is_mixed else "name it in leave_out under [limb.settings]"
+    how = "remove it"
+    if not np.isin(there, here).any():
+        how += ", as leave_out under [limb.settings] does where the limb's source has it"
     raise MeshError(
         f"mesh: {n_parts} separate parts; the part of node {other} near {_mm(mesh.points_mm[other])} (region "
         f"{', '.join(names)}) shares no node with the part under spot '{limb.spot.name}'; merge their nodes, "

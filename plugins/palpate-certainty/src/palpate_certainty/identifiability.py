@@ -20,15 +20,13 @@ from palpate.api.fit import (
     ALL_SPOTS,
     UNCLEAR,
     FitResult,
-    Residuals,
     channel_of,
-    least_near,
     linear_least,
     share_of_range,
-    slopes_at,
     word_of,
 )
 from palpate.api.runs import Study, Swept, answering_for, objectives, scored_points
+from palpate_certainty.bounded import Residuals, least_near, slopes_at
 from palpate_certainty.declared import DECLARED
 from palpate_certainty.emulated_curves import best_and_first
 from palpate_certainty.emulator import Emulator, Runs

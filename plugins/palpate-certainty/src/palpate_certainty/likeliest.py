@@ -5,7 +5,8 @@ from dataclasses import replace
 import numpy as np
 
 from palpate.api import FloatArray
-from palpate.api.fit import Evaluation, Trial, least_near
+from palpate.api.fit import Evaluation, Trial
+from palpate_certainty.bounded import least_near
 from palpate_certainty.tables import Assessed
 
 

@@ -12,8 +12,9 @@ import numpy as np
 import scipy
 
 from palpate.api import SILENT, Design, FloatArray, Progress, Simulation, StudyError
-from palpate.api.fit import RISE, Box, Case, channel_of, least_near
+from palpate.api.fit import RISE, Box, Case, channel_of
 from palpate.api.runs import Study
+from palpate_certainty.bounded import least_near
 from palpate_certainty.emulated_curves import (
     EmulatedCurves,
     EmulatedProblem,

@@ -10,7 +10,8 @@ import polars as pl
 import scipy
 
 from palpate.api import BoolArray, Design, FloatArray, ParameterName, Simulation
-from palpate.api.fit import RISE, Residuals, channel_of, least_near, linear_least, slopes_at
+from palpate.api.fit import RISE, channel_of, linear_least
+from palpate_certainty.bounded import Residuals, least_near, slopes_at
 from palpate_certainty.declared import DECLARED
 from palpate_certainty.emulated_curves import (
     EmulatedCurves,

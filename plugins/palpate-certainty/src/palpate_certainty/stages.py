@@ -14,7 +14,6 @@ from palpate.api.runs import (
     Study,
     StudyInputs,
     at_measured,
-    finer_inputs,
     job_for,
     mesh_note,
     size_at_contact,
@@ -22,6 +21,7 @@ from palpate.api.runs import (
 from palpate_certainty.assessment import Assessment
 from palpate_certainty.declared import DECLARED
 from palpate_certainty.error_sources import MESH, error_sources_of, n_differences
+from palpate_certainty.finer_meshes import finer_inputs
 from palpate_certainty.held_out import held_out, sentence
 from palpate_certainty.identifiability import assess_identifiability
 from palpate_certainty.mesh_error import SpotMesh, noted_errors

@@ -2,10 +2,8 @@
 
 from dataclasses import replace
 
-from palpate.domain import FINE
-from palpate.limb.loading import fine_edge_mm, finer_limb
-from palpate.run.result import StudyInputs
-from palpate.stages.stage import Run
+from palpate.api import Run
+from palpate.api.runs import FINE, StudyInputs, fine_edge_mm, finer_limb
 
 
 def finer_inputs(run: Run, worst: str) -> StudyInputs | None:
