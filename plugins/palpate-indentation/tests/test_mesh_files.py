@@ -246,3 +246,12 @@ def test_blocks_of_exodus_are_groups(tmp_path: Path) -> None:
         names = file.createVariable("eb_names", "S1", ("num_el_blk", "len_name"))
         names[:] = netcdf.stringtochar(np.array(["fat", "skin"], dtype="S8"))
     assert [*read_here(tmp_path / "m.e").cell_sets] == ["fat", "skin"]
+    with netcdf.Dataset(tmp_path / "m.e", "a") as file:
+        file.variables["eb_names"][1] = file.variables["eb_names"][0]
+    assert [*read_here(tmp_path / "m.e").cell_sets] == ["fat 0", "fat 1"]
+
+
+def test_a_version_of_gmsh_that_is_not_read_is_named(tmp_path: Path) -> None:
+    (tmp_path / "m.msh").write_text("$MeshFormat\n4 0 8\n$EndMeshFormat\n$Nodes\n0 0\n$EndNodes\n")
+    with pytest.raises(MeshError, match=r"save it as version 4\.1 or 2\.2"):
+        read_here(tmp_path / "m.msh")

@@ -69,6 +69,8 @@ def read_gmsh(path: Path) -> MeshFile | None:
     sections = _sections(path)
     version, is_binary = (sections.get("MeshFormat", "") + " 0 1").split()[:2]
     names = _names(sections.get("PhysicalNames", ""))
+    if is_binary == "0" and version in ("4", "4.0"):
+        raise MeshError(f"{path}: version {version} is not read; save it as version 4.1 or 2.2")
     if is_binary != "0" or version not in ("2", "2.0", "2.1", "2.2", "4.1"):
         _refuse_twice(path, names.values())
         return None

@@ -129,9 +129,11 @@ def _blocks_of_exodus(path: Path, sizes: list[int]) -> dict[str, tuple[NDArray[n
         at = [int(name[7:]) - 1 for name in file.variables if name.startswith("connect")]
         names, numbers = (file.variables.get(name) for name in ("eb_names", "eb_prop1"))
         words = ["" for _ in at] if names is None else [str(word) for word in netCDF4.chartostring(names[:])]
-        called = [words[k].strip() or f"block {k + 1 if numbers is None else numbers[k]}" for k in at]
+        of = {k: k + 1 if numbers is None else numbers[k] for k in at}
+        called = [words[k].strip() or f"block {of[k]}" for k in at]
+        called = [f"{n} {of[k]}" if called.count(n) > 1 else n for k, n in zip(at, called, strict=True)]
     return {
-        name: tuple(np.arange(size if of == name else 0) for of, size in zip(called, sizes, strict=True))
+        name: tuple(np.arange(size if each == name else 0) for each, size in zip(called, sizes, strict=True))
         for name in called
     }
 
