@@ -1,5 +1,6 @@
 """Logs that are no complete press are refused, with file, row, time stamp and remedy."""
 
+import re
 from collections.abc import Callable
 
 import numpy as np
@@ -214,9 +215,10 @@ def test_settings_that_contradict_themselves_are_refused(steps):
         logs.settings(**steps)
 
 
-def test_a_large_drift_is_taken_out_and_named(tmp_path):
+@pytest.mark.parametrize("drift_N", [3.0, 14.0, -14.0])
+def test_a_large_drift_is_taken_out_and_named(drift_N, tmp_path):
     whole = log()
-    ramp = np.linspace(0.0, 3.0, whole.n_rows)[:, None] * np.array([0.0, 0.0, 1.0])
+    ramp = np.linspace(0.0, drift_N, whole.n_rows)[:, None] * np.array([0.0, 0.0, 1.0])
     usual, drifted = (
         process(whole, logs.settings()),
         process(whole.changed(force_N=whole.force_N + ramp), logs.settings()),
@@ -225,7 +227,8 @@ def test_a_large_drift_is_taken_out_and_named(tmp_path):
     off = np.abs(drifted.curves["force"].ordinate - usual.curves["force"].ordinate).max()
     assert off < 0.02 * span
     (warning,) = warnings_of(drifted.raw, drifted)
-    assert "drifts by 2.9 N over the log" in warning
+    named_N = float(re.search(r"drifts by ([\d.]+) N over the log", warning)[1])
+    assert named_N == pytest.approx(abs(drift_N), rel=0.05)
     assert warnings_of(usual.raw, usual) == []
 
 

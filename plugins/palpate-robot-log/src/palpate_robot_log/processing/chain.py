@@ -13,6 +13,7 @@ from palpate.api.mesh import SpotWrench, spot_axes
 from palpate_robot_log.checks import FEWEST_FREE_ROWS, check
 from palpate_robot_log.processing.change_points import Transition
 from palpate_robot_log.processing.contact import (
+    SHARE,
     ContactRows,
     Normal,
     Onset,
@@ -158,12 +159,22 @@ def onset_of(
     else:
         if pressing_N is None:
             pressing_N = rotated(recording.quaternion, recording.force_N) @ located.normal.vector
+            pressing_N = pressing_N - _clear_drift(pressing_N, contact)
         # From where the tool comes nearer for the last time as it is oriented in contact.
         turned = ~_oriented_alike(motion)[: contact.first + 1]
         start = int(np.flatnonzero(turned).max(initial=-1)) + 1
         stop = int(np.searchsorted(recording.time_s, located.strokes.press.stop.time_s)) + 1
         onset = find_onset(recording, motion.travel_mm, pressing_N, slice(start, stop), choice.exponent)
     return onset, *contact_instants(motion, contact, located.strokes, onset)
+
+
+def _clear_drift(pressing_N: FloatArray, contact: ContactRows) -> FloatArray:
+    """Line (n,) through a force in free air before and after the press; zero where it is no clear drift."""
+    n_rows, after = max(contact.first // 4, 1), pressing_N[contact.last + 1 :]
+    is_seen = after.size > 0 and not contact.ends_in_contact
+    change = float(np.median(after[-n_rows:]) - np.median(pressing_N[:n_rows])) if is_seen else 0.0
+    is_clear = abs(change) > SHARE * float(np.ptp(pressing_N))
+    return np.linspace(0.0, change * is_clear, pressing_N.size)
 
 
 def free_rows(
