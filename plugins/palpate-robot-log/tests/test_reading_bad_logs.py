@@ -111,6 +111,14 @@ BAD: dict[str, tuple[Damage, str]] = {
         _freeze,
         r"line 102 .*the pose does not change for 0.345 s and then jumps by 4.* mm at line 172",
     ),
+    "pose that jumps": (
+        lambda table: table["x_m"].__setitem__(slice(120, None), table["x_m"][120:] + 0.04),
+        r"line 122 .*the tip jumps by 40 mm within one step.*log the press again",
+    ),
+    "tool at rest": (
+        lambda table: table.update({n: np.random.default_rng(0).normal(0.4, 1e-6, 240) for n in X}),
+        r"as by noise: the tool rests in all rows; log a press",
+    ),
     "no unit quaternion": (
         _set("qw", slice(20, 30), 0.9),
         r"line 22 .*the quaternion has length 1\.\d+ and not 1, as in 10 rows",
@@ -262,3 +270,17 @@ def test_unused_columns_may_hold_anything(tmp_path: Path) -> None:
 
 def test_the_columns_of_a_map_are_each_read_once() -> None:
     assert sorted(columns_of(write.channel_map())) == sorted(write.COLUMNS)
+
+
+def test_a_time_is_no_counter_and_a_counter_has_a_rate() -> None:
+    table = write.press()
+    with pytest.raises(CurveError, match="'time_s' counts no rows; leave its rate out"):
+        reading(table, time={"column": "time_s", "rate": "200 Hz"})
+    table["frame"] = np.arange(240.0)
+    with pytest.raises(CurveError, match=r"'frame' counts rows; give the rate .*: time = \{ column"):
+        reading(table, time="frame")
+
+
+def test_a_column_is_one_axis_alone() -> None:
+    with pytest.raises(ValueError, match="'fx_N' is named twice; give x, y and z their own columns"):
+        reading(write.press(), force={"columns": ["fx_N", "-fx_N", "fz_N"]})

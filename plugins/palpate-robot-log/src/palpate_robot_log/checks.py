@@ -134,6 +134,9 @@ CHECKS: tuple[Check, ...] = (
          "{number:g} reaches the sensor's range of {limit:g} ({name}_limit, {unit}), as in {value} rows in "
          "all",
          "press less deep, or take another sensor"),
+    Check("position", of.noise_of_rest_mm, _NONE,
+         "the tip moves {value:.2g} mm in all, as by noise: the tool rests in all rows",
+         "log a press, or check the position's columns"),
     Check("position", of.span, _plausible("travel"),
          "the tip moves {value:.4g} mm in all with columns in {unit}, plausible is {least:g} to {most:g} "
          "mm{hint}",
@@ -145,6 +148,9 @@ CHECKS: tuple[Check, ...] = (
          "the pose does not change for {seconds:.3f} s and then jumps by {value:.2f} mm at {to}: its "
          "stream was interrupted",
          "record again"),
+    Check("position", of.jump_mm, _NONE,
+         "the tip jumps by {value:.3g} mm within one step: the pose was interrupted, or its frame changed",
+         "log the press again"),
     Check("force", of.span, _plausible("force"),
          "it varies by {value:.4g} N with columns in {unit}, plausible is {least:g} to {most:g} N{hint}",
          "correct unit, or widen plausible.force"),

@@ -209,6 +209,25 @@ def reach_mm(series: "Series", _: "ChannelMap") -> Iterator[Found]:
     yield found(float(reach.max()), int(reach.argmax()), unit=series.units[1])
 
 
+def noise_of_rest_mm(series: "Series", channels: "ChannelMap") -> Iterator[Found]:
+    """Way of a tip that rests in all rows, whose steps are as long."""
+    way, steps = (
+        float(np.std(each, axis=0).max()) for each in (series.values, np.diff(series.values, axis=0))
+    )
+    largest = float(np.ptp(series.values, axis=0).max())
+    if largest < channels.plausible.travel[0] and steps > way:
+        yield found(largest)
+
+
+def jump_mm(series: "Series", _: "ChannelMap") -> Iterator[Found]:
+    """Longest step of the tip, where it is far faster than all but one and a large part of the way."""
+    steps = np.linalg.norm(np.diff(series.values, axis=0), axis=1)
+    speeds = steps / np.diff(series.time_s)
+    at, others = int(speeds.argmax()), np.partition(speeds, -3)[-3]
+    if speeds[at] > 20.0 * others and steps[at] > 0.1 * float(np.ptp(series.values, axis=0).max()):
+        yield found(float(steps[at]), at + 1)
+
+
 def jump_after_stop_mm(series: "Series", channels: "ChannelMap") -> Iterator[Found]:
     """Jump of a pose that did not change to the last digit: its stream was interrupted."""
     starts, lengths = _runs(np.all(series.values[1:] == series.values[:-1], axis=1))

@@ -245,6 +245,8 @@ def seconds_of(
     column, factor, unit = stream.column(time.column), 1.0 / (time.rate or 1.0), "rows"
     if time.rate is None:
         factor, unit = _factor(log, column, time.unit, "time", header_units=header_units)
+    elif column.shown_unit or np.any(column.values % 1.0):
+        raise CurveError(f"{log.source}: column '{column.name}' counts no rows; leave its rate out")
     values = column.values if factor == 1.0 else factor * column.values
     if time.nanoseconds is not None:
         values = values + 1e-9 * stream.column(time.nanoseconds).values
@@ -259,6 +261,9 @@ def _factor(
     if kind is None:
         return 1.0, ""
     found = column.shown_unit if header_units else ""
+    if not unit and not found and kind == "time" and np.all(np.diff(column.values) == 1.0):
+        of = f'time = {{ column = "{column.name}", rate = "… Hz" }}'
+        raise CurveError(f"{where} counts rows; give the rate at which they were logged: {of}")
     if not unit and not found:
         raise CurveError(
             f"{where} shows no unit, and the channel map gives none; "

@@ -62,6 +62,14 @@ class Source(Settings):
 class Vector(Source):
     """Three columns that are x, y and z of a vector."""
 
+    @field_validator("columns")
+    @classmethod
+    def _once(cls, columns: list[str]) -> list[str]:
+        names = [name.removeprefix("-") for name in columns if name != NO_COLUMN]
+        for name in (each for each in names if names.count(each) > 1):
+            raise ValueError(f"'{name}' is named twice; give x, y and z their own columns")
+        return columns
+
     columns: list[str] = Field(
         min_length=3,
         max_length=3,
@@ -98,7 +106,7 @@ class Orientation(Source):
     def _check_columns(self) -> Self:
         needed = N_COLUMNS[self.form]
         if len(self.columns) != needed:
-            raise ValueError(f"form '{self.form}' needs {needed} columns and {len(self.columns)} are named")
+            raise ValueError(f"form '{self.form}' needs {needed} columns, not {len(self.columns)}; name them")
         return self
 
 
