@@ -57,7 +57,7 @@ def convert(given: object, unit: str, usual: str = "") -> float:
     """
     plain = unit in DIMENSIONLESS
     if isinstance(given, bool) or not isinstance(given, str | int | float):
-        raise ValueError(f"{given!r} is not a quantity; {_example(unit)}")
+        raise ValueError(f"{given!r} is not a quantity; {_example(unit, is_range=isinstance(given, list))}")
     if not isinstance(given, str):
         if not plain:
             raise ValueError(f'{given!r} has no unit; write "{given} {usual or unit}"')
@@ -134,8 +134,9 @@ def _finite(value: float, given: object, unit: str) -> float:
     raise ValueError(f"{given!r} is not finite; {_example(unit)}")
 
 
-def _example(unit: str) -> str:
-    return "use a plain number, e.g. 1.0" if unit in DIMENSIONLESS else f'use e.g. "10 {unit}"'
+def _example(unit: str, *, is_range: bool = False) -> str:
+    one = "use a plain number, e.g. 1.0" if unit in DIMENSIONLESS else f'use e.g. "10 {unit}"'
+    return f"{one}, or {{ lower = …, upper = … }} for a range" if is_range else one
 
 
 def _factor(written: str, unit: str, given: str) -> float:

@@ -18,8 +18,8 @@ ROOT = Path(__file__).parents[2]
 LONGEST_FILE = 500
 LONGEST_FUNCTION = 45
 MOST = {
-    "lines": 78_233,
-    "lines of the core": 33_514,
+    "lines": 78_307,
+    "lines of the core": 33_535,
     "classes": 653,
     "constants": 689,
     "long files": 0,

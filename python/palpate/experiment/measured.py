@@ -366,6 +366,8 @@ def _departures(
         factor = convert(f"1 {other}", written_unit)
         # Relative difference of the protocol's travel over the measured one from a ratio of units, at most.
         if abs(times / factor - 1.0) < 0.03:
+            if high > {"mm": 200.0, "deg": 720.0}.get(written_unit, math.inf):  # no tool goes so far
+                yield f"{covered}, {times:.3g} times as far; correct the unit in [protocol]"
             yield (
                 f"{covered}, {times:.3g} times as far, as if the file were in {other}: with loader csv, set "
                 f"scale = {factor:g} in channels.{curve.channel}.abscissa of [experiment.settings], or check "
@@ -389,6 +391,8 @@ def _turns(curve: Curve, asked: FloatArray, unit: str) -> Iterator[str]:
     travelled = [float(curve.abscissa[stop - 1]) for _, stop in curve.branches]
     turns, allowed = len(travelled) - 1, len(planned) - 1
     is_back = min(abs(end - curve.abscissa[0]) for end in travelled) <= TURN_SLACK * span
+    way = np.sign(planned[0] - path[0]) * curve.abscissa
+    is_back &= bool(np.max(np.maximum.accumulate(way) - way) > TURN_SLACK * span)
     if turns > allowed == 0 and (is_back or abs(travelled[0] - planned[0]) <= TURN_SLACK * span):
         yield (
             f"goes to {max(travelled, key=abs):g} {unit} and has a way back, which the protocol has not; "
@@ -398,8 +402,8 @@ def _turns(curve: Curve, asked: FloatArray, unit: str) -> Iterator[str]:
     if turns > allowed:
         turning_point = curve.branches[allowed + 1][0]
         yield (
-            f"turns {turns} times where the protocol turns {allowed} times (first at row "
-            f"{turning_point}, {curve.abscissa[turning_point]:g} {unit}); smooth its abscissa"
+            f"turns {turns} times where the protocol turns {allowed} times (first at row {turning_point}, "
+            f"{curve.abscissa[turning_point]:g} {unit}); put its rows in order, or smooth its abscissa"
         )
     for k, (end, goal) in enumerate(zip(travelled[:-1], planned[:-1], strict=False)):
         if abs(end - goal) > TURN_SLACK * span:

@@ -1,5 +1,6 @@
 """Checks of limbs: refused where they cannot be simulated, or where two meshes are not of one limb."""
 
+import difflib
 from collections.abc import Iterator, Sequence
 
 import numpy as np
@@ -98,7 +99,10 @@ def check_limb(limb: Limb, regions: Sequence[str]) -> None:
         raise MeshError(problem)
     for region in sorted(mesh.used_regions - set(regions)):
         what = f"mesh: region '{region}' has no material (given: {', '.join(regions)})"
-        raise MeshError(f'{what}; give it one, or for bone write rigid = ["{region}"] under [limb]')
+        ask = f'give it one, or for bone write rigid = ["{region}"] under [limb]'
+        for near in difflib.get_close_matches(region, {*regions} - mesh.used_regions, n=1):
+            ask = f"give the region of the mesh and the material of '{near}' one name"
+        raise MeshError(f"{what}; {ask}")
     _check_node_sets(mesh)
     _check_elements(mesh)
     _check_edges(mesh)

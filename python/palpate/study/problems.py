@@ -73,7 +73,10 @@ class Problems:
             parts = tuple(part for part in detail["loc"] if not str(part).endswith("]"))
             unknown = detail["type"] == "extra_forbidden"
             known = _keys(model, parts[:-1]) if unknown else ()
-            self.add((*key, *parts), _message(detail, known))
+            message = _message(detail, known)
+            if detail["type"] == "missing" and key[:2] == ("experiment", "settings"):
+                message = "missing; `palpate experiment inspect FILE` prints the tables that read a file"
+            self.add((*key, *parts), message)
 
     def validated(
         self, model: type[ModelT], values: Mapping[str, Any], context: Mapping[str, Any] | None = None
@@ -108,6 +111,8 @@ def _message(detail: ErrorDetails, known: tuple[str, ...]) -> str:
             return f"{_shortened(given)} is not one of {choices}{suggestion(str(given), names)}"
         case "string_pattern_mismatch":
             return f"{_shortened(given)} is not a name; use letters, digits, - and _"
+        case "float_type" if detail["loc"][-1] == "friction" and isinstance(given, dict):
+            return "a range; write one number here, and the range as friction under [fit.searched]"
         case kind:
             sentence = _SENTENCES[kind].format(**context) if kind in _SENTENCES else detail["msg"]
             return f"{_shortened(given)}: {sentence[0].lower()}{sentence[1:]}"
@@ -122,6 +127,7 @@ _SENTENCES: Mapping[str, str] = types.MappingProxyType(
         "string_type": "not a text; put it in quotation marks",
         "bool_type": "not true or false",
         "list_type": "not a list; write [ … ]",
+        "tuple_type": "not a list; write [ … ]",
         "dict_type": "not a table; write {{ … }}",
         "model_type": "not a table; write {{ … }}",
         "model_attributes_type": "not a table; write {{ … }}",

@@ -172,7 +172,7 @@ def test_the_whole_path_is_covered(plugins):
         (torque([0.0, -45.0, -40.0, 45.0, 0.0]), r"cut the curve or extend"),
         (
             torque([0.0, -10.0, -9.0, -22.5, 22.5, 0.0]),
-            r"turns 4 times where the protocol turns 2 times \(first at row 3, -22.5 degrees\); smooth",
+            r"turns 4 times where the protocol turns 2 times \(first at row 3, -22.5 degrees\); put its rows",
         ),
         (
             force([0.0, 5.0, 10.0, 5.0, 0.0]),
@@ -180,7 +180,8 @@ def test_the_whole_path_is_covered(plugins):
         ),
         (force([0.0, 5.0, 10.0, 10.0, 10.0, 0.0]), r"goes to 10 mm and has a way back"),
         (force([0.0, 5.0, 0.0, 8.0, 0.0, 10.0]), r"goes to 10 mm and has a way back"),
-        (force([0.0, 5.0, 4.0, 10.0]), r"turns 2 times .*; smooth its abscissa"),
+        (force([0.0, 5.0, 4.0, 10.0]), r"turns 2 times .*, or smooth its abscissa"),
+        (force([0.0, 0.5, 0.25, 0.75, 10.0]), r"turns 2 times .*; put its rows in order, or smooth"),
         (force([0.0, -5.0, -10.0]), r"the other sign: .*set scale = -1 in channels\.force\.abscissa of"),
         (
             force([50.0, 45.0, 40.0]),

@@ -206,6 +206,31 @@ PRESSED = {
         toml('"-22.5 deg", "22.5 deg"', '"22.5 deg", "-22.5 deg"'),
         r"p1\.csv: .*'torque' goes to -22\.5 degrees first .* give \[protocol\] the order",
     ),
+    "protocol in m": (toml('"10 mm"', '"10 m"'), r"1e\+03 times as far; correct the unit in \[protocol\]"),
+    "twist in rad": (
+        toml('"-22.5 deg", "22.5 deg"', '"-22.5 rad", "22.5 rad"'),
+        r"57\.3 times as far; correct the unit in \[protocol\]",
+    ),
+    "a twist that is no list": (
+        toml('["-22.5 deg", "22.5 deg", "0 deg"]', '"22.5 deg"'),
+        r"protocol\.twist: '22\.5 deg': not a list; write \[ … \]",
+    ),
+    "friction as a range": (
+        toml("friction = 1.0", "friction = { lower = 0.2, upper = 1.2 }"),
+        r"protocol\.friction: a range; .*the range as friction under \[fit\.searched\]",
+    ),
+    "range as a list": (
+        toml('{ lower = "9 kPa", upper = "21 kPa" }', '["9 kPa", "21 kPa"]'),
+        r"is not a quantity; .*, or \{ lower = …, upper = … \} for a range",
+    ),
+    "log's loader without its columns": (
+        toml('loader = "csv"', 'loader = "robot_log"'),
+        r"channels: missing; `palpate experiment inspect FILE` prints",
+    ),
+    "name of another quantity": (
+        text("p1.csv", ("force_N", "Kraft_N")),
+        r"no column 'force_N'; did you mean 'Kraft_N'\?",
+    ),
     "protocol deeper than the curve": (
         toml('"10 mm"', '"12 mm"'),
         r"p1\.csv: .*'force' covers .* \[protocol\] says 12 mm: write depth = \"10 mm\" there",
@@ -220,7 +245,10 @@ PRESSED = {
     ),
     "no friction": (toml("friction = 1.0", ""), r"study\.toml:\d+: protocol\.friction: missing; add"),
     "mesh that is not there": (toml("p1.vtu", "p9.vtu"), r"study\.toml:\d+: .*mesh: .*no such file"),
-    "region misspelt": (toml("soft_tissue", "soft_tisue"), r"region 'soft_tissue' has no material .* give"),
+    "region misspelt": (
+        toml("soft_tissue", "soft_tisue"),
+        r"region 'soft_tissue' has no material .*; give the region .* of 'soft_tisue' one name",
+    ),
     # docs/curves.md lists both.
     "compliant robot": (both(table("p1.csv", column(DEPTH, 1.1)), toml('"10 mm"', '"11 mm"')), ""),
     "curves of another spot": (toml("measured/p1.csv", "measured/p2.csv"), ""),
@@ -265,7 +293,7 @@ def test_a_mistake_in_a_press_is_named(forearm: Path, mistake: str) -> None:
 def test_few_mistakes_pass_and_the_guide_lists_them() -> None:
     every = TENSILE | PRESSED
     silent = [name for name, (_, expected) in every.items() if not expected]
-    assert (len(every), len(silent)) == (42, 2)
+    assert (len(every), len(silent)) == (49, 2)
     guide = (Path(__file__).parents[3] / "docs" / "curves.md").read_text()
     _, _, listed = guide.partition("## Errors that no check finds")
     assert "10 % too large" in listed

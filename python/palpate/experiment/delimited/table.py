@@ -15,7 +15,7 @@ import numpy as np
 
 from palpate.domain import FloatArray, IntArray
 from palpate.errors import CurveError
-from palpate.experiment.delimited.header_units import unit_in
+from palpate.experiment.delimited.header_units import kind_of, unit_in
 from palpate.experiment.delimited.layout import (
     BETWEEN_NUMBERS,
     BLANKS,
@@ -368,10 +368,16 @@ class TextTable:
 
 def close_to(name: str, known: Iterable[str]) -> str:
     """Suggest names like this one, for a message: first those that differ in case or unit alone."""
-    names = list(known)
-    label = unit_in(name)[0].casefold()
-    same = [each for each in names if unit_in(each)[0].casefold() == label]
-    close = same[:2] or difflib.get_close_matches(name, names, n=2, cutoff=0.5)
+    label, unit = unit_in(name)
+    kind = kind_of(unit)
+    names = [each for each in known if kind is None or kind_of(unit_in(each)[1]) in (None, kind)]
+    same = [each for each in names if unit_in(each)[0].casefold() == label.casefold()]
+    alike = [each for each in names if unit and unit_in(each)[1] == unit]
+    close = (
+        same[:2]
+        or (alike if len(alike) == 1 else [])
+        or difflib.get_close_matches(name, names, n=2, cutoff=0.5)
+    )
     return f"; did you mean {' or '.join(map(repr, close))}?" if close else ""
 
 
