@@ -24,10 +24,13 @@ class Box:
     def values(self, point: FloatArray) -> FloatArray:
         """Values (n_parameters,) at a point of the box, or of points (n, n_parameters)."""
         lower, upper = np.where(self.log, self.lower, 1.0), np.where(self.log, self.upper, 1.0)
-        linear = self.lower + point * (self.upper - self.lower)
-        values = np.where(self.log, lower * (upper / lower) ** point, linear)
+        values = np.where(self.log, lower * (upper / lower) ** point, self.linear(point))
         # Rounding may carry them past a bound, or leave them short of the upper one.
         return np.where(point >= 1.0, self.upper, np.clip(values, self.lower, self.upper))
+
+    def linear(self, shares: FloatArray) -> FloatArray:
+        """Values at shares of their ranges, without logarithms."""
+        return self.lower + shares * (self.upper - self.lower)
 
     def point(self, values: FloatArray) -> FloatArray:
         """Point of the box of values (n_parameters,) or (n, n_parameters); on its edge if outside."""

@@ -31,7 +31,7 @@ def likeliest(assessed: Assessed) -> Assessed:
         return np.zeros((len(white), point.size)) if found is None else white @ found
 
     def point_of(shares: FloatArray) -> FloatArray:
-        return box.point(box.lower + (box.upper - box.lower) * shares)
+        return box.point(box.linear(shares))
 
     first, start = point_of(assessed.linear.point), point_of(assessed.point)
     step = (box.values(start) - box.values(first)) / box.rates(first)

@@ -186,7 +186,7 @@ class PosteriorSampling:
         fitted = box.values(assessed.end.best.point)
         density = EmulatedProblem(problem, simulated, fitted, assessed.white, curves)
         likely = normal.points[normal.weights > 1e-3 * normal.weights.max()]
-        start = box.point(box.lower + (box.upper - box.lower) * likely)
+        start = box.point(box.linear(likely))
         draws = self._drawn(density, start, to_convergence=False)
         known = np.stack([box.point(row) for row in curves.runs.values])
         chosen = _farthest(draws.points, known, len(box.names) + 2)

@@ -245,7 +245,7 @@ class PlanningStage:
             columns=self.columns,
             meshes=self.meshes,
             limbs=self.limbs,
-            estimate=box.lower + (box.upper - box.lower) * self.assessed.point,
+            estimate=box.linear(self.assessed.point),
             laplace=self.assessed.laplace,
             between=self.assessed.errors.between,
             like_so_far=self.is_quick,
@@ -256,7 +256,7 @@ class PlanningStage:
         """Point where the fit has ended, and draws (n, n_parameters) of its density, as points of the box."""
         best, problem, box = self.assessed.end.best, self.assessed.end.problem, self.assessed.end.problem.box
         assert best is not None
-        drawn = box.point(box.lower + (box.upper - box.lower) * self.assessed.density.draws(n - 1))
+        drawn = box.point(box.linear(self.assessed.density.draws(n - 1)))
         points = np.concatenate([best.point[None], drawn])
         return points[problem.accepts(points)]
 

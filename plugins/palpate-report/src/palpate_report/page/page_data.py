@@ -8,11 +8,12 @@ import matplotlib as mpl
 import numpy as np
 import polars as pl
 
-from palpate.api import FloatArray, IntArray, Scenario
+from palpate.api import IntArray, Scenario
 from palpate.api.runs import objectives
 from palpate_report.answer.headline import draws_of
 from palpate_report.data.best import weighted_channels
 from palpate_report.data.report_data import ReportData, label_of
+from palpate_report.data.showable import plain
 from palpate_report.figures.contours import along, contours, paths, reported
 from palpate_report.figures.scene import scene, skins
 from palpate_report.figures.space import MOST_PAIRS, colours
@@ -70,8 +71,8 @@ def _searches(data: ReportData, spot: str, scenario: Scenario) -> list[dict[str,
             else None,
             "ways": [
                 {
-                    "fopt": _digits(way["fopt"].to_numpy()),
-                    "values": [_digits(way[p.name].to_numpy()) for p in data.design.parameters],
+                    "fopt": plain(way["fopt"].to_numpy()),
+                    "values": [plain(way[p.name].to_numpy()) for p in data.design.parameters],
                 }
                 for way in ways
             ],
@@ -84,7 +85,7 @@ def _searches(data: ReportData, spot: str, scenario: Scenario) -> list[dict[str,
 def _draws(data: ReportData, scenario: Scenario) -> list[list[float | None] | None]:
     """Some draws of the fit that leads by parameter; None where a parameter differs from spot to spot."""
     found = draws_of(data, scenario.name, 400)
-    return [_digits(found[name].to_numpy()) if name in found.columns else None for name in data.brief]
+    return [plain(found[name].to_numpy()) if name in found.columns else None for name in data.brief]
 
 
 def _contours(data: ReportData, scenario: Scenario) -> dict[str, list[dict[str, Any]]]:
@@ -93,7 +94,7 @@ def _contours(data: ReportData, scenario: Scenario) -> dict[str, list[dict[str, 
     found = {f"{i} {j}": contours(data, scenario.name, one, other) for (i, one), (j, other) in pairs}
     return {
         plane: [
-            {"level": line.level, "x": _digits(line.x), "y": _digits(line.y), "label": line.label}
+            {"level": line.level, "x": plain(line.x), "y": plain(line.y), "label": line.label}
             for line in lines
         ]
         for plane, lines in found.items()
@@ -103,7 +104,7 @@ def _contours(data: ReportData, scenario: Scenario) -> dict[str, list[dict[str, 
 def _along(data: ReportData, scenario: Scenario) -> list[dict[str, Any] | None]:
     """Fopt along each parameter, the others fitted again."""
     found = [along(data, scenario.name, name) for name in data.brief]
-    return [None if each is None else {"x": _digits(each[0]), "y": _digits(each[1])} for each in found]
+    return [None if each is None else {"x": plain(each[0]), "y": plain(each[1])} for each in found]
 
 
 # ---------------------------------------------------------------------- sets
@@ -129,16 +130,11 @@ def _sets(data: ReportData, sets: IntArray) -> dict[str, Any]:
     def fopt(spot: str, scenario: str) -> list[float | None]:
         rows = ranked.filter(spot=spot, scenario=scenario)
         found = shown.join(rows, on="set_id", how="left", maintain_order="left")["fopt"]
-        return _digits(found.to_numpy())
+        return plain(found.to_numpy())
 
     return {
         "ids": sets.tolist(),
         "n_left_out": data.design.n_sets - len(sets),
-        "values": [_digits(column) for column in data.design.values[sets].T],
+        "values": [plain(column) for column in data.design.values[sets].T],
         "fopt": [[fopt(spot, s.name) for s in data.study.scenarios] for spot in data.spots],
     }
-
-
-def _digits(values: FloatArray) -> list[float | None]:
-    """Five digits, which is more than a screen shows; None for what is not finite."""
-    return [float(f"{value:.5g}") if math.isfinite(value) else None for value in values.tolist()]
