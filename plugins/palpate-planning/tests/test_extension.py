@@ -44,7 +44,7 @@ def test_press_added_to_a_run_narrows_as_expected_and_starts_at_its_answer(run, 
     assert answer.keys() == {"tissue.E", "tissue.nu"}
     pipeline.run_study(extended, more, plugins, forked_from=folder, adopt=True, fit_start=answer)
     pipeline.run_study(extended, alone, plugins)  # the study is a study as any other
-    expected = proposal_tables(proposal).intervals.filter(parameter="tissue.nu", step=1)["width"][0]
+    expected = proposal_tables(proposal)["intervals"].filter(parameter="tissue.nu", step=1)["width"][0]
     after = _width_of_ratio(more)
     assert after / _width_of_ratio(folder) == pytest.approx(expected, rel=0.25)
     assert _width_of_ratio(alone) == pytest.approx(after, rel=1e-2)

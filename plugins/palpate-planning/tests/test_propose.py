@@ -61,7 +61,7 @@ def test_every_step_is_ranked_after_those_before_it(run):
     assert goals[0] < goals[1] < 1.0  # what is known already narrows less
     for step in found.steps:
         assert [each.goal for each in step.ranked] == sorted(each.goal for each in step.ranked)
-    widths = proposal_tables(found).intervals.filter(parameter="tissue.nu")["width"].to_list()
+    widths = proposal_tables(found)["intervals"].filter(parameter="tissue.nu")["width"].to_list()
     # Meshes at their worst may widen one parameter a little where the joint region narrows.
     assert all(later <= 1.01 * earlier for earlier, later in pairwise(widths))
 
@@ -71,7 +71,7 @@ def test_intervals_now_are_those_of_the_fit(run, tmp_path):
     fit = pipeline.run_study(study, tmp_path / "again", plugins).fit
     found = proposed((study, tmp_path / "again", plugins))
     rows = fit.intervals.filter(fit="p1", scenario=study.generalise_by)
-    now = proposal_tables(found).intervals.filter(step=0)
+    now = proposal_tables(found)["intervals"].filter(step=0)
     assert now["parameter"].equals(rows["parameter"])
     for column in ("value", "lower", "upper"):
         np.testing.assert_allclose(now[column], rows[column], rtol=1e-9)
@@ -125,7 +125,7 @@ def test_tool_is_pressed_where_there_is_a_material(run, tool, monkeypatch):
 def test_prediction_of_a_tool_is_narrowed(run, tool):
     found = proposed(run, tool=tool)
     tables = proposal_tables(found)
-    widths = tables.intervals.filter(parameter="tool at p1")["width"].to_list()
+    widths = tables["intervals"].filter(parameter="tool at p1")["width"].to_list()
     assert found.goal.name == "prediction"
     assert widths[0] == 1.0
     # The goal is of a normal density, the width is cut off at the ranges.

@@ -384,16 +384,18 @@ def synthesise(
     session = Session.of(context)
     planned = session.study(study, need_measured=False)
     with StageProgress(session) as progress:
-        made = write_curves(planned, session.plugins.channels, out, noise=noise, seed=seed, progress=progress)
+        responses, files = write_curves(
+            planned, session.plugins.channels, out, noise=noise, seed=seed, progress=progress
+        )
     if as_json:
-        session.json({"study": planned.name, "files": [str(file) for file in made.files]})
+        session.json({"study": planned.name, "files": [str(file) for file in files]})
         return
     rows = [
         [spot, name, str(y.size), f"{y.min():.6g}", f"{y.max():.6g}"]
-        for spot, response in made.responses.items()
+        for spot, response in responses.items()
         for name, y in ((name, curve.ordinate) for name, curve in response.curves.items())
     ]
     session.table("Simulated curves", ["spot", "channel", "points", "least", "largest"], rows)
-    for file in made.files:
+    for file in files:
         session.say(str(file))
     session.next("check {study}", "" if out is None else "once the study names these files, ", study=study)

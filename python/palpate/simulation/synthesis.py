@@ -9,7 +9,7 @@ import hashlib
 import json
 import os
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from pathlib import Path
 from tempfile import TemporaryDirectory
 from typing import Any
@@ -49,22 +49,6 @@ NOTE = "origin.json"
 """File next to the curves with the record of their computation."""
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class Synthesis:
-    """Synthetic curves of a study.
-
-    Parameters
-    ----------
-    responses : mapping of spot name to Response
-        The first press of each spot; repeats differ in their noise alone.
-    files : tuple of Path
-        All written files, the record last.
-    """
-
-    responses: Mapping[str, Response]
-    files: tuple[Path, ...]
-
-
 def synthesise(
     study: Study,
     channels: Mapping[str, Channel],
@@ -73,8 +57,11 @@ def synthesise(
     noise: float = 0.0,
     seed: int = 1,
     progress: Progress = SILENT,
-) -> Synthesis:
+) -> tuple[dict[str, Response], tuple[Path, ...]]:
     """Simulate the study's truth at each spot and write the curves in place of measured ones.
+
+    Returns the first press of each spot, from which repeats differ in their noise alone, and all files that
+    were written, the record last.
 
     The study is read with ``need_measured=False``; its truth gives every searched parameter, and what it
     gives for a fixed one replaces the fixed value. ``out`` replaces the study's folder, and files keep their
@@ -97,10 +84,7 @@ def synthesise(
         for spot, response in exact.items()
     }
     note = _note(study, channels, jobs, limbs, {"noise": noise, "seed": seed if noise else None})
-    return Synthesis(
-        responses={spot: repeats[0] for spot, repeats in presses.items()},
-        files=_write(study, presses, targets, note),
-    )
+    return {spot: repeats[0] for spot, repeats in presses.items()}, _write(study, presses, targets, note)
 
 
 # ----------------------------------------------------------------------- checks

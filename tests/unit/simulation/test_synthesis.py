@@ -80,11 +80,11 @@ def test_the_loader_reads_what_the_solver_gave_to_the_last_bit(
     planned: Planned, tissue: ModuleType, plugins: Plugins, tmp_path: Path
 ) -> None:
     study = planned()
-    made = synthesise(study, plugins.channels)
-    assert [file.name for file in made.files] == ["p1.csv", "p2.csv", NOTE]
+    responses, files = synthesise(study, plugins.channels)
+    assert [file.name for file in files] == ["p1.csv", "p2.csv", NOTE]
     for spot in study.spots:
         assert_same(study.loader.load(spot.measured[None][0]), tissue.answer(*ANSWER))
-        assert_same(made.responses[spot.spot.name], tissue.answer(*ANSWER))
+        assert_same(responses[spot.spot.name], tissue.answer(*ANSWER))
 
 
 @pytest.mark.usefixtures("one_figure")
@@ -119,17 +119,17 @@ def test_files_of_one_channel_each(
 def test_each_repeat_gets_different_noise(planned: Planned, plugins: Plugins, tmp_path: Path) -> None:
     files = tuple(tmp_path / "planned" / f"{name}.csv" for name in "abc")
     spot = StudySpot(spot=Spot(name="p1"), measured={None: files}, mesh=None)
-    made = synthesise(planned(spots=(spot,)), plugins.channels, noise=0.01)
-    assert list(made.files[:-1]) == list(files)
+    responses, written = synthesise(planned(spots=(spot,)), plugins.channels, noise=0.01)
+    assert written[:-1] == files
     forces = [planned().loader.load(file)["force"].ordinate for file in files]
-    np.testing.assert_array_equal(forces[0], made.responses["p1"]["force"].ordinate)
+    np.testing.assert_array_equal(forces[0], responses["p1"]["force"].ordinate)
     assert all((a != b).all() for a, b in itertools.combinations(forces, 2))
 
 
 def test_out_takes_the_place_of_the_study_folder(planned: Planned, plugins: Plugins, tmp_path: Path) -> None:
     out = tmp_path / "elsewhere"
-    made = synthesise(planned(), plugins.channels, out)
-    assert list(made.files) == [out / "planned" / name for name in ("p1.csv", "p2.csv", NOTE)]
+    _, files = synthesise(planned(), plugins.channels, out)
+    assert list(files) == [out / "planned" / name for name in ("p1.csv", "p2.csv", NOTE)]
     assert not (tmp_path / "planned").exists()
 
 
@@ -137,13 +137,13 @@ def test_a_file_outside_the_study_folder_stays_inside_out(
     planned: Planned, plugins: Plugins, tmp_path: Path
 ) -> None:
     spot = StudySpot(spot=Spot(name="p1"), measured={None: (tmp_path / ".." / "p1.csv",)}, mesh=None)
-    made = synthesise(planned(spots=(spot,)), plugins.channels, tmp_path / "out")
-    assert made.files == (tmp_path / "out" / "p1.csv", tmp_path / "out" / NOTE)
+    _, files = synthesise(planned(spots=(spot,)), plugins.channels, tmp_path / "out")
+    assert files == (tmp_path / "out" / "p1.csv", tmp_path / "out" / NOTE)
 
 
 def test_the_note_records_what_made_the_curves(planned: Planned, plugins: Plugins, tmp_path: Path) -> None:
-    made = synthesise(planned(), plugins.channels, noise=0.01, seed=7)
-    note = json.loads(made.files[-1].read_text())
+    _, files = synthesise(planned(), plugins.channels, noise=0.01, seed=7)
+    note = json.loads(files[-1].read_text())
     assert "simulated" in note["origin"]
     assert note["truth"]["soft_tissue"]["values"] == {"stiffness": 0.4, "grip": 20.0}
     assert note["solver"]["name"] == "analytic"
@@ -162,7 +162,7 @@ def test_the_truth_may_depart_from_what_the_fit_takes_as_fixed(
     region = study.space.regions[0]
     fixed = replace(region, searched=region.searched[:1], fixed={"grip": 30.0})
     space = replace(study.space, regions=(fixed,))
-    given = synthesise(replace(study, space=space), plugins.channels).responses["p1"]
+    given = synthesise(replace(study, space=space), plugins.channels)[0]["p1"]
     assert_same(given, tissue.answer(*ANSWER))
 
 
@@ -171,7 +171,7 @@ def test_a_fixed_value_is_part_of_the_truth(planned: Planned, tissue: ModuleType
     region = study.space.regions[0]
     fixed = replace(region, searched=region.searched[:1], fixed={"grip": 30.0})
     space = replace(study.space, regions=(fixed,))
-    given = synthesise(replace(study, space=space), plugins.channels).responses["p1"]
+    given = synthesise(replace(study, space=space), plugins.channels)[0]["p1"]
     assert_same(given, tissue.answer(0.4, 30.0))
 
 
@@ -182,10 +182,10 @@ def test_noise_has_the_requested_share_and_depends_on_the_seed(
     planned: Planned, plugins: Plugins, tmp_path: Path
 ) -> None:
     study = planned()
-    exact = synthesise(study, plugins.channels, tmp_path / "exact").responses
-    noisy = synthesise(study, plugins.channels, tmp_path / "a", noise=0.05, seed=3).responses
-    again = synthesise(study, plugins.channels, tmp_path / "b", noise=0.05, seed=3).responses
-    other = synthesise(study, plugins.channels, tmp_path / "c", noise=0.05, seed=4).responses
+    exact, _ = synthesise(study, plugins.channels, tmp_path / "exact")
+    noisy, _ = synthesise(study, plugins.channels, tmp_path / "a", noise=0.05, seed=3)
+    again, _ = synthesise(study, plugins.channels, tmp_path / "b", noise=0.05, seed=3)
+    other, _ = synthesise(study, plugins.channels, tmp_path / "c", noise=0.05, seed=4)
     added = {
         (spot, name): (noisy[spot][name].ordinate - exact[spot][name].ordinate)
         / np.abs(exact[spot][name].ordinate).max()
@@ -309,8 +309,8 @@ def test_noise_leaves_the_times_of_a_curve(planned: Planned, plugins: Plugins, t
     study = planned(loader=csv(force=("x", "y", "t"), torque=("a", "b", "t")))
     timed = replace(study.protocol, time_s=10.0 * np.arange(len(study.protocol.path)))
     study = replace(study, protocol=timed, solver=HalfSpace(HalfSpace.Settings()))
-    made = synthesise(study, plugins.channels, noise=0.01)
-    assert all(curve.time_s is not None for curve in made.responses["p1"].curves.values())
+    responses, _ = synthesise(study, plugins.channels, noise=0.01)
+    assert all(curve.time_s is not None for curve in responses["p1"].curves.values())
 
 
 def test_two_spots_in_one_file_are_refused(planned: Planned, plugins: Plugins, tmp_path: Path) -> None:
@@ -341,7 +341,7 @@ def test_homogeneous_tests_run_along_the_abscissae_of_the_files(
     scenario = next(s for s in make_study().scenarios if s.name == "III")
     study = make_study(protocol=None, spots=(spot,), truth=TRUTH, loader=Pairs(), scenarios=(scenario,))
     study.solver.provides = Provides(body="specimen")
-    made = synthesise(study, plugins.channels, tmp_path / "out").responses["p1"]["force"]
+    made = synthesise(study, plugins.channels, tmp_path / "out")[0]["p1"]["force"]
     assert made.abscissa.tolist() == [0.0, 1.0, 2.0]
     assert made.ordinate == pytest.approx([0.0, 20.4, 80.8])
     (tmp_path / "f.csv").unlink()

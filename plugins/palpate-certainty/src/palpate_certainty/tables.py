@@ -31,33 +31,17 @@ from palpate_certainty.laplace import Density, Laplace, wider
 from palpate_certainty.linear_problem import LinearProblem, ResidualErrors
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class ParameterCombination:
-    """A combination of parameters that is known independently of the others.
-
-    Parameters
-    ----------
-    text : str
-        Such as ``c1 · m1^0.3``.
-    relative_width : float
-        Length of its 95 % interval, over its value.
-    """
-
-    text: str
-    relative_width: float
-
-
 def parameter_combinations(
     names: Sequence[str], values: FloatArray, rates: FloatArray, covariance: FloatArray
-) -> list[ParameterCombination]:
-    """Principal directions of a covariance in coordinates of the unit box, the best known first.
+) -> Iterator[tuple[str, float]]:
+    """Combinations that are known independently of each other, such as ``c1 · m1^0.3``, the best known first.
 
-    ``rates`` (n_parameters,) are the derivatives of the values in these coordinates.
+    They are principal directions of a covariance in coordinates of the unit box, in which ``rates``
+    (n_parameters,) are the derivatives of the values. Each has the relative width of its 95 % interval.
     """
     # Relative changes; a value of zero has none, and is seen over its range.
     per_coordinate = rates / np.where(values == 0.0, rates, values)
     relative = covariance * np.outer(per_coordinate, per_coordinate)
-    found = []
     for vector in np.linalg.eigh(covariance)[1].T:
         powers = vector / per_coordinate
         powers = powers / powers[np.argmax(np.abs(powers))]
@@ -65,8 +49,7 @@ def parameter_combinations(
         powers = np.where(np.abs(powers) < 0.15, 0.0, np.round(powers, 1))
         sd = float(np.sqrt(powers @ relative @ powers))
         width = 2.0 * float(scipy.stats.norm.ppf(0.5 + LEVEL / 2.0)) * sd
-        found.append(ParameterCombination(text=_product(names, powers), relative_width=width))
-    return found
+        yield _product(names, powers), width
 
 
 def _product(names: Sequence[str], powers: FloatArray) -> str:
@@ -133,7 +116,7 @@ class Assessed:
     def values(self) -> FloatArray:
         """The most likely values (n_parameters,) in the units of the parameters."""
         box = self.end.problem.box
-        return box.lower + self.point * (box.upper - box.lower)
+        return box.linear(self.point)
 
     @property
     def white(self) -> FloatArray:
@@ -182,7 +165,7 @@ def most_likely(
     if around is None and linear.is_like_fopt:
         return density, linear.point  # the least of Fopt is what was searched
     point = found.most_likely if around is None else around
-    is_accepted = problem.accepts(box.point(box.lower + (box.upper - box.lower) * point)[None])[0]
+    is_accepted = problem.accepts(box.point(box.linear(point))[None])[0]
     return density, point if is_accepted else density.nearest
 
 
@@ -208,7 +191,7 @@ def certainty_tables(assessed: Sequence[Assessed], study: Study) -> dict[str, pl
 def _intervals(each: Assessed) -> Iterator[dict[str, Any]]:
     box = each.end.problem.box
     failed = bool(each.left_out) or each.verdict is Adequacy.FAILS
-    ends = [box.lower + (box.upper - box.lower) * end for end in each.density.interval(each.point)]
+    ends = [box.linear(end) for end in each.density.interval(each.point)]
     for i, parameter in enumerate(box.parameters):
         value, (lower, upper) = float(each.values[i]), (float(end[i]) for end in ends)
         over_value = (upper - lower) / abs(value) if value else np.inf
@@ -247,12 +230,9 @@ def _budget(each: Assessed) -> Iterator[dict[str, Any]]:
 def _parameter_combinations(each: Assessed) -> Iterator[dict[str, Any]]:
     box, within = each.end.problem.box, each.laplace.in_range
     covariance = wider(within.freedom) ** 2 * within.covariance
-    for found in parameter_combinations(box.names, each.values, box.upper - box.lower, covariance):
-        yield each.about | {
-            "combination": found.text,
-            "relative_width": found.relative_width,
-            "identifiability": word_of(found.relative_width),
-        }
+    for text, width in parameter_combinations(box.names, each.values, box.upper - box.lower, covariance):
+        about = {"combination": text, "relative_width": width, "identifiability": word_of(width)}
+        yield each.about | about
 
 
 def _model_errors(each: Assessed) -> Iterator[dict[str, Any]]:
@@ -266,7 +246,7 @@ def _model_errors(each: Assessed) -> Iterator[dict[str, Any]]:
 def _draws(each: Assessed) -> Iterator[dict[str, Any]]:
     box = each.end.problem.box
     for shares in each.density.draws(N_DRAWS):
-        values = box.lower + (box.upper - box.lower) * shares
+        values = box.linear(shares)
         yield each.about | dict(zip(box.names, values.tolist(), strict=True))
 
 
@@ -294,7 +274,7 @@ def _spot_draws(each: Assessed) -> Iterator[dict[str, Any]]:
     if found is None:
         return
     rng, drawn = np.random.default_rng(0), each.density.draws(N_DRAWS)
-    there = box.point(box.lower + (box.upper - box.lower) * drawn)
+    there = box.point(box.linear(drawn))
     there[:, found.shared] += found.sd * rng.standard_t(found.freedom, (len(there), found.sd.size))
     for values in box.values(there.clip(0.0, 1.0)):
         yield each.about | dict(zip(box.names, values.tolist(), strict=True))

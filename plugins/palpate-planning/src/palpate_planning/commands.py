@@ -177,22 +177,22 @@ def _show(session: Session, study: "Study", found: "Proposal") -> None:
         )
     every = [each.press.press for step in found.steps for each in step.ranked]
     again = [press.name for press in every if is_repeat(study, press)]
-    for number, ranking in tables.ranking.group_by("step", maintain_order=True):
+    for number, ranking in tables["ranking"].group_by("step", maintain_order=True):
         title = (
             f"Press {number[0]}: expected error ({found.goal.name}), with the bias of the meshes, and width "
             "of each interval, in % of those before the press"
         )
         _show_ranking(session, title, ranking, again)
-    if same := not_narrowed(tables.ranking.filter(step=1)):
+    if same := not_narrowed(tables["ranking"].filter(step=1)):
         session.paragraph(f"No allowed press narrows {', '.join(same)} by more than 5 %.")
-    intervals = shown_intervals(rows_in_display_units(study, tables.intervals))
+    intervals = shown_intervals(rows_in_display_units(study, tables["intervals"]))
     session.frame("95 % intervals: now (step 0), and expected after each press", intervals)
     session.paragraph(
         "mesh_bias is the most by which mesh errors of one standard deviation each change a value, in its "
         "unit. The error of a press counts it; the intervals do not."
     )
-    if tables.refused.height:
-        session.frame("Refused", tables.refused)
+    if tables["refused"].height:
+        session.frame("Refused", tables["refused"])
     for k, step in enumerate([] if found.failure else found.steps, 1):
         chosen = step.chosen.press.press
         widths = intervals.filter(step=k).select("parameter", "width").iter_rows()

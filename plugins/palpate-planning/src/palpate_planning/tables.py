@@ -1,7 +1,6 @@
 """A proposal as tables, and as a file for a robot."""
 
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
@@ -36,12 +35,11 @@ class ProposalOutput(Closed):
     warnings: list[str]
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class ProposalTables:
-    """Tables of a proposal.
+def proposal_tables(proposal: Proposal) -> dict[str, pl.DataFrame]:
+    """Put a proposal into tables.
 
-    Parameters
-    ----------
+    Returns
+    -------
     ranking : DataFrame
         One row per step and candidate, the best first: step, press, spot, what is done, error of the goal and
         width of each interval (over those before the step), mesh bias of each parameter (in its unit), and
@@ -52,25 +50,14 @@ class ProposalTables:
     refused : DataFrame
         Candidates that cannot be made, and why.
     """
-
-    ranking: pl.DataFrame
-    intervals: pl.DataFrame
-    refused: pl.DataFrame
-
-
-def proposal_tables(proposal: Proposal) -> ProposalTables:
-    """Put a proposal into tables."""
     ranking = [
         {"step": number, **_row(proposal, found)}
         for number, step in enumerate(proposal.steps, 1)
         for found in step.ranked
     ]
     refused = [{"press": name, "reason": why} for name, why in proposal.refused.items()]
-    return ProposalTables(
-        ranking=pl.from_dicts(ranking, infer_schema_length=None),
-        intervals=pl.from_dicts(_intervals(proposal)),
-        refused=pl.DataFrame(refused),
-    )
+    rows = {"ranking": ranking, "intervals": _intervals(proposal), "refused": refused}
+    return {name: pl.DataFrame(each, infer_schema_length=None) for name, each in rows.items()}
 
 
 def _row(proposal: Proposal, found: ExpectedEffect) -> dict[str, Any]:
@@ -192,7 +179,6 @@ def _text(name: str, written: Callable[[float], str]) -> pl.Expr:
 
 def for_robot(proposal: Proposal, limbs: Mapping[str, Limb]) -> dict[str, Any]:
     """Describe a proposal in numbers: the poses and paths of the chosen presses, and the intervals."""
-    tables = proposal_tables(proposal)
     return {
         "goal": proposal.goal.name,
         "presses": [
@@ -203,12 +189,10 @@ def for_robot(proposal: Proposal, limbs: Mapping[str, Limb]) -> dict[str, Any]:
             }
             for step in proposal.steps
         ],
-        "intervals": tables.intervals.to_dicts(),
-        "ranking": tables.ranking.to_dicts(),
+        **{name: table.to_dicts() for name, table in proposal_tables(proposal).items()},
         "protocols": {
             each.press.press.name: dict(each.press.press.keys) for each in proposal.steps[0].ranked
         },
-        "refused": tables.refused.to_dicts(),
         "failure": proposal.failure or None,
         "check_spot": proposal.check or None,
     }
