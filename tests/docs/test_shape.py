@@ -18,9 +18,9 @@ ROOT = Path(__file__).parents[2]
 LONGEST_FILE = 500
 LONGEST_FUNCTION = 45
 MOST = {
-    "lines": 78_307,
-    "lines of the core": 33_535,
-    "classes": 653,
+    "lines": 78_256,
+    "lines of the core": 33_524,
+    "classes": 650,
     "constants": 689,
     "long files": 0,
     "long functions": 6,
