@@ -166,6 +166,23 @@ def test_a_run_that_is_stopped_before_its_first_evaluation_is_stopped_all_the_sa
     assert not (tmp_path / "run" / "report" / "index.html").exists()
 
 
+def test_a_run_that_is_stopped_in_the_last_simulations_of_a_stage_ends(unswept, monkeypatch, tmp_path):
+    run = tmp_path / "run"
+    session, progress, fit_files = Session([Path(PLUGIN)]), Stopping(""), core_stages.fit_files
+
+    def and_stop(cases, inputs):
+        progress.is_there = True
+        return fit_files(cases, inputs)
+
+    monkeypatch.setattr(core_stages, "fit_files", and_stop)
+    study = replace(session.study(unswept), executor=InProcess())
+    with pytest.raises(StoppedError, match="stopped after `palpate fit`"):
+        pipeline.run_study(study, run, session.plugins, progress)
+    assert (run / "fit.parquet").exists()
+    assert not (run / "intervals.parquet").exists()
+    assert "the run has not ended" in json.loads((run / "report" / "result.json").read_text())["Conclusion"]
+
+
 @pytest.mark.parametrize("is_quick", [False, True])
 def test_a_first_answer_that_cannot_be_shown_stops_no_run_that_goes_on(call, unswept, monkeypatch, is_quick):
     def failing(stage, inputs, first=None):

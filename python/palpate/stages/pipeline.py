@@ -245,6 +245,8 @@ def _make(run: Run, stage: Stage, made_from: Mapping[str, str] | None) -> None:
     if made_from is not None:
         run.check(stage.name)
         run.directory.write_measured_to_manifest(run.study)
+    if not stage.comes_last and not run.progress.should_continue():
+        raise StoppedError(f"stopped after `palpate {stage.name}`; run the same command to continue")
 
 
 def _again(run: Run, last: Stage, wanted: Sequence[Stage]) -> Run:
