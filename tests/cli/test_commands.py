@@ -69,7 +69,7 @@ def test_check_tells_how_long_the_sweep_takes_and_offers_a_first_look(
     shown = call("check", study).out
     assert "20 simulations to do, about 30 min; then about" in shown
     assert f"a first look of about 18 min: palpate run {study} --sets 12; the whole run keeps" in shown
-    assert call("check", study, "--json").json["seconds"] is None  # nothing is timed for a script
+    assert call("check", study, "--json").json["seconds"] == 20 * 90.0
     assert call("run", study, "--sets", 12).code == 0
     found = call("check", study, "--json").json
     assert found["n_left"] == 8

@@ -126,7 +126,7 @@ def test_lines_of_a_study_that_are_not_edited_are_a_warning(call: Call) -> None:
     for key in ("indenter",):
         number = 1 + next(i for i, line in enumerate(lines) if line.startswith(f"{key} = "))
         assert f"line {number} protocol.{key}" in found
-    assert found.startswith(f"{read_study('arm').file}: not edited yet: ")
+    assert found.startswith(f"{read_study('arm').file.name}: not edited yet: ")
     assert f"line {1 + lines.index('# answer first: is 7 skin?')} answer first: is 7 skin?" in found
     assert "soft_tissue.parameters.c2" in found
     assert "protocol.depth" not in found

@@ -320,11 +320,14 @@ def test_a_plugin_adds_a_section_at_its_place_with_its_warnings(page):
 
 
 def test_a_section_that_fails_says_so_and_the_others_are_there(page):
-    made = page(lambda c: replace(c, sections={**c.sections, "broken": Broken}))
+    notes = []
+    made = page(lambda c: replace(c, sections={**c.sections, "broken": Broken}, note=notes.append))
+    (note,) = notes
+    assert note.startswith("warning: section 'broken' of the page could not be made: laying out the report")
     text = made.text()
     assert "This section could not be made: laying out the report: 'broken'" in text
     assert "raised KeyError: 'misspelt'" in text
-    assert "A section of the report has failed" in text
+    assert "Section 'broken' of the report has failed" in text
     assert "section-provenance" in {a.get("id") for _, a, _ in made.elements}
 
 

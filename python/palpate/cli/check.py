@@ -59,7 +59,7 @@ def check(
         checked_study = session.study(study)
         checked = pipeline.check_study(checked_study, session.plugins)
         progress.step()
-        left = _cost(session, checked_study, checked, study, progress, timing=not as_json)
+        left = _cost(session, checked_study, checked, study, progress)
     show_remarks(session, checked.limbs)
     for text in checked.warnings:
         session.stderr.print(f"warning: {text}", markup=False)
@@ -72,13 +72,7 @@ def check(
 
 
 def _cost(
-    session: Session,
-    study: "Study",
-    checked: "StudyInputs",
-    path: Path,
-    progress: StageProgress,
-    *,
-    timing: bool,
+    session: Session, study: "Study", checked: "StudyInputs", path: Path, progress: StageProgress
 ) -> "Cost":
     """Simulations left after the newest run of the study; one is timed if no time is known."""
     from palpate.simulation import cost, jobs as simulation
@@ -87,7 +81,7 @@ def _cost(
     keys = simulation.keys(study, checked.jobs, checked.limbs)
     by_key, run = dict(zip(keys, checked.jobs, strict=True)), newest_run(path)
     left = cost.cost(study, by_key, run, checked.limbs, parts_of(study, checked, session.plugins))
-    if timing and left.seconds_each is None and (left.n_left or left.n_fit):
+    if left.seconds_each is None and (left.n_left or left.n_fit):
         progress.begin("timing a simulation", 1)
         to_time = checked.jobs or simulation.middle_jobs(study, checked.measured)
         left = replace(left, seconds_each=cost.timed(study, to_time, checked.limbs))

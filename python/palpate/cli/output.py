@@ -51,7 +51,7 @@ class CheckOutput(Closed):
     ``surface`` and ``remarks`` are by mesh: what is fixed and in contact, and what was read and left out.
 
     ``seconds`` is for the ``n_left`` simulations of the sweep to do, ``fit_seconds`` about for the ``n_fit``
-    of all stages then (0: not known); null where none has been done before.
+    of all stages then (0: not known); null where nothing is left, or only the executor knows its workers.
     """
 
     study: str

@@ -379,7 +379,7 @@ class Status(StrEnum):
             Status.DIVERGED: "narrow the ranges, add a stability filter, or allow smaller steps",
             Status.TIMED_OUT: "raise the solver's time limit or coarsen the mesh",
             Status.UNREADABLE: "look at the solver's output for this job",
-            Status.CRASHED: "run it alone (palpate simulate STUDY --only SPOT/SET --traceback); check memory",
+            Status.CRASHED: "read the message; if memory ran out, set a smaller solver.n_workers",
         }[self]
 
 

@@ -27,7 +27,7 @@ def unedited_warnings(study: Study) -> Iterator[str]:
             found.append(f"line {number} {ASKED}{comment.partition(ASKED)[2].rstrip()}")
     if found:
         yield (
-            f"{study.file}: not edited yet: {', '.join(found)}; write your values, and remove the words "
+            f"{study.file.name}: not edited yet: {', '.join(found)}; write your values, and remove the words "
             f"'{MARK}' and '{ASKED}' there"
         )
 

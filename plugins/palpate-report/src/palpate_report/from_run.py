@@ -97,6 +97,7 @@ def report_data(run: Run, *, unfinished: str = "") -> ReportData:
         folder=run.directory.folder,
         channels=run.channels,
         sections=run.sections,
+        note=run.progress.note,
         pictures={spot.spot.name: _pictures(run, spot) for spot in study.spots},
         measured=inputs.measured,
         design=inputs.design,
@@ -219,5 +220,6 @@ def _summaries(run: Run) -> Mapping[str, tuple[str, Summary]]:
                 checked(stage, made.figures)
                 found[name] = (type(stage).summary, made)
         except PluginError as error:
+            run.progress.note(f"warning: section '{name}' of the page could not be made: {error}")
             found[name] = (type(stage).summary, Summary(lines=(f"This section could not be made: {error}.",)))
     return found

@@ -48,7 +48,7 @@ def section_warnings(data: ReportData) -> Iterator[ReportWarning]:
                     )
             yield from found
         except PluginError as error:
-            yield warn("failed-section", "A section of the report has failed", f"{error}.")
+            yield warn("failed-section", f"Section '{section.name}' of the report has failed", f"{error}.")
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

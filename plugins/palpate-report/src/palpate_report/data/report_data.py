@@ -1,7 +1,7 @@
 """Data that a report is made of, and how the simulations of its sweep ended."""
 
 import re
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 from itertools import product
@@ -11,6 +11,7 @@ from typing import Any
 import polars as pl
 
 from palpate.api import (
+    SILENT,
     Channel,
     Design,
     Limb,
@@ -123,6 +124,8 @@ class ReportData:
         As :func:`palpate.api.runs.processor_time` returns it.
     settings : ReportSettings
         Style of the figures.
+    note : callable
+        Shows a message in the terminal.
     """
 
     study: Study
@@ -151,6 +154,7 @@ class ReportData:
     summaries: Mapping[str, tuple[str, Summary]] = field(default_factory=dict)
     processor_time: pl.DataFrame = field(default_factory=pl.DataFrame)
     settings: ReportSettings = BY_ITSELF
+    note: Callable[[str], None] = SILENT.note
 
     def table(self, name: str) -> pl.DataFrame:
         """Table of a stage; empty where its plugin is not installed."""

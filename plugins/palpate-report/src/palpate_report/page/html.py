@@ -61,6 +61,7 @@ def laid_out(data: ReportData, report: Report) -> list[RenderedSection]:
                 is_open, blocks = made.is_open(data, report), checked(made, made.blocks(data, report))
                 result = made.result(data, report)
         except PluginError as error:
+            data.note(f"warning: section '{section.name}' of the page could not be made: {error}")
             result, is_open, blocks = "", False, (Paragraph(f"This section could not be made: {error}."),)
         if blocks:
             entry = section.entry or section.title
