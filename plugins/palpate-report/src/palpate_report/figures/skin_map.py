@@ -7,11 +7,11 @@ from matplotlib.axes import Axes
 from matplotlib.ticker import MaxNLocator
 from matplotlib.tri import Triangulation
 
-from palpate.api import FloatArray, SurfaceStates
+from palpate.api import FloatArray, IntArray, SurfaceStates
 
 
 def draw_map(axis: Axes, states: SurfaceStates, at: int, values: FloatArray, most: float) -> Any:  # noqa: ANN401 - of matplotlib
-    """Draw values (n,) on the deformed skin at a state, in the frame of the indenter; None without contact.
+    """Draw smoothed values (n,) on the deformed skin at a state, in the frame of the indenter.
 
     Parameters
     ----------
@@ -23,7 +23,7 @@ def draw_map(axis: Axes, states: SurfaceStates, at: int, values: FloatArray, mos
     Returns
     -------
     TriContourSet or None
-        For a colour bar.
+        For a colour bar; None without contact.
     """
     place = (states.points_mm + states.displacements_mm[at] - states.positions_mm[at]) @ states.rotations[at]
     loaded = states.pressures_MPa[at] > 0.0
@@ -36,9 +36,23 @@ def draw_map(axis: Axes, states: SurfaceStates, at: int, values: FloatArray, mos
     if not loaded.any() or not len(shown):
         axis.set_axis_off()
         return None
-    grid = Triangulation(place[:, 0], place[:, 1], shown)
+    grid, values = Triangulation(place[:, 0], place[:, 1], shown), smoothed(values, place, shown)
     levels = MaxNLocator(12).tick_values(0.0, most)
     drawn = axis.tricontourf(grid, values, levels=levels, cmap="viridis")
     axis.set(aspect="equal", xlim=(-x, x), ylim=(-y, y), xlabel="x (mm)", ylabel="y (mm)")
     axis.grid(visible=False)
     return drawn
+
+
+def smoothed(values: FloatArray, points_mm: FloatArray, triangles: IntArray) -> FloatArray:
+    """Values (n,) averaged over the triangles (m, 3) around each node, by their areas.
+
+    Contact tractions at nodes alternate from node to node where the mesh is coarse; a constant stays.
+    """
+    a, b, c = np.moveaxis(points_mm[triangles], 1, 0)
+    areas = np.linalg.norm(np.cross(b - a, c - a), axis=1)
+    nodes, n = triangles.ravel(), len(values)
+    totals = np.bincount(nodes, np.repeat(areas * values[triangles].mean(axis=1), 3), n)
+    around = np.bincount(nodes, np.repeat(areas, 3), n)
+    found: FloatArray = np.divide(totals, around, out=values.astype(float), where=around > 0.0)
+    return found
