@@ -104,6 +104,9 @@ def test_everything_reads_the_first_answer_of_a_quick_run(call, study, n_sets):
     assert opened.headline.source == "first answer"
     card = call("card", RUN)
     assert (card.code, "first answer" in card.out) == (0, True), card.err
+    planned = call("next", RUN)
+    assert (planned.code, "has a first answer alone" in planned.err) == (2, True), planned.err
+    assert "`palpate run runs/toy`" in planned.err
     assert call("report", RUN).code == 0
     assert json.loads((RUN / "report" / "result.json").read_text())["Parameters"] == lines["Parameters"]
     assert call("run", RUN).code == 0

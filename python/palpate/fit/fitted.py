@@ -39,6 +39,11 @@ class Fitted:
     values: Mapping[str, float]
     spots: tuple[str, ...]
 
+    @property
+    def is_fit(self) -> bool:
+        """True if a fit has found the values, and no sweep."""
+        return not self.source.startswith("set ")
+
 
 def fitted(study: Study, selection: pl.DataFrame, generalisation: pl.DataFrame, fit: FitResult) -> Fitted:
     """Find the values that a run reports, as :func:`reported_rows` chooses them.

@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from palpate.api import StudyError
+from palpate.api import StudyError, typed
 from palpate.api.cli import (
     AsJson,
     OutFolder,
@@ -155,12 +155,15 @@ def _say_next(session: Session, found: "Proposal", folder: Path | None, poses: s
 
 def _run_to_extend(given: Path | None, out: Path | None) -> Path | None:
     """Run directory that further presses are for; None for a study that has no fit yet."""
-    if given is not None and is_study(given):
-        found = newest_run(given) if out is None else None
-        return found if found and (found / "fit.parquet").exists() else None
-    if out is not None:
+    from palpate.api.runs import FIRST_ANSWER, RunDirectory
+
+    study = given if given is not None and is_study(given) else None
+    if out is not None and study is None:
         raise StudyError(f"--out {out}: is for a study; further presses of a run are planned in its folder")
-    return find_run(given)
+    found = find_run(given) if study is None else newest_run(study) if out is None else None
+    if found and RunDirectory(found).records.has(FIRST_ANSWER):
+        raise StudyError(f"{found} has a first answer alone; finish the run: `palpate run {typed(found)}`")
+    return found if study is None or (found and (found / "fit.parquet").exists()) else None
 
 
 def _show(session: Session, study: "Study", found: "Proposal") -> None:

@@ -13,7 +13,7 @@ from palpate.api.cli import Closed
 from palpate.api.files import write_atomically
 from palpate.api.fit import Adequacy
 from palpate.api.report import Block, Paragraph, Picture, Table, rounded
-from palpate.api.runs import FIRST_ANSWER, file_name, parquet
+from palpate.api.runs import file_name, parquet
 from palpate_prediction.bands import ENDS, errors_of
 from palpate_prediction.predict import Prediction, SpotPrediction
 from palpate_prediction.summary import QUANTITIES
@@ -163,7 +163,7 @@ def notes(prediction: Prediction, notice: str) -> list[str]:
         f"Prediction for a {_sized(tool.protocol.indenter)} with friction {tool.protocol.friction:g}, by "
         f"the {found.source} of scenario {found.scenario} at {', '.join(found.spots)}."
     )
-    if found.source in ("fit", FIRST_ANSWER):
+    if found.is_fit:
         lines.append(VERDICTS[prediction.verdict])
     sources = ((spot, each.source) for spot, each in prediction.spots.items() if each.source)
     lines += [f"The spots differ: {spot} has the values of the {source}." for spot, source in sources]

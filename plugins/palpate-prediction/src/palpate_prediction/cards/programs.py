@@ -29,7 +29,7 @@ import numpy as np
 from palpate.api import FloatArray, MaterialError, ParameterName, RegionMaterial, Run
 from palpate.api.fit import TIED, inputs_at, relaxing_space, relaxing_thetas
 from palpate.api.mechanics import EnergyForm
-from palpate.api.runs import FIRST_ANSWER, Study
+from palpate.api.runs import Study
 from palpate_prediction.cards.card import (
     DENSITY_T_PER_MM3,
     CardData,
@@ -308,7 +308,7 @@ def cards_of(run: Run) -> Iterator[CardData]:
         theta = thetas[region.region]
         full = _full_names(study, region)
         searched = {p: known.get(name) for p, name in full.items()}
-        source = "fitted" if found.source in ("fit", FIRST_ANSWER) else "selected"
+        source = "fitted" if found.is_fit else "selected"
         yield CardData(
             title=f"{study.name}, region {region.region}, material {region.material.name} ({found.source}, "
             f"scenario {found.scenario}, spots {', '.join(found.spots)})",
