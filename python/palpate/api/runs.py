@@ -31,7 +31,7 @@ if TYPE_CHECKING:
     from palpate.plugins.registry import load_file as load_file, plugin_source as plugin_source
     from palpate.plugins.versions import FIRST_PARTY as FIRST_PARTY
     from palpate.run.directory import RESULT as RESULT, RunDirectory as RunDirectory, file_name as file_name
-    from palpate.run.fit_state import is_going_on as is_going_on, read_fit_state as read_fit_state
+    from palpate.run.fit_state import read_fit_state as read_fit_state
     from palpate.run.keys import job_key as job_key
     from palpate.run.ledger import Ledger as Ledger
     from palpate.run.lock import living_runner_of as living_runner_of

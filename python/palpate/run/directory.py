@@ -9,7 +9,6 @@
     design.parquet  design.json
     ledger.sqlite           simulations: states, attempts, timings, reasons, curves, states of the skin
     TABLE.parquet           tables that the stages declare
-    going_on                there from the beginning of a whole run to its end
     fit.json                how far the fit is, while it goes on
     first_answer/           tables of the first fit, until the whole fit has ended
     processor_time.json     processor time of all commands, by stage and work

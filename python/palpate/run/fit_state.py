@@ -8,8 +8,6 @@ from palpate.errors import LedgerError
 from palpate.run.atomic_files import write_whole
 from palpate.run.ownership import KEPT, reason
 
-_FILE, _MARK = "fit.json", "going_on"
-
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class FitState:
@@ -46,7 +44,7 @@ class FitState:
 
 def write_fit_state(folder: Path, state: FitState) -> None:
     """Keep how far the fit is in a run directory; not worth waiting for a disk."""
-    path = folder / _FILE
+    path = folder / "fit.json"
     try:
         write_whole(path, json.dumps(asdict(state)).encode(), durable=False)
     except OSError as error:
@@ -56,26 +54,11 @@ def write_fit_state(folder: Path, state: FitState) -> None:
 def read_fit_state(folder: Path) -> FitState | None:
     """Progress of the fit; None before it starts and after it has ended."""
     try:
-        return FitState(**json.loads((folder / _FILE).read_bytes()))
+        return FitState(**json.loads((folder / "fit.json").read_bytes()))
     except (OSError, ValueError, TypeError, RecursionError):
         return None
 
 
-def mark_going_on(folder: Path) -> None:
-    """Keep that a whole run has begun here; a run that is stopped or killed leaves the mark."""
-    write_whole(folder / _MARK, b"", durable=False)
-
-
-def mark_ended(folder: Path) -> None:
-    """Forget that a whole run has begun here: it has ended."""
-    (folder / _MARK).unlink(missing_ok=True)
-
-
-def is_going_on(folder: Path) -> bool:
-    """True if a whole run has begun here and not ended, whether a process runs it or not."""
-    return (folder / _MARK).is_file()
-
-
 def remove_fit_state(folder: Path) -> None:
     """Forget how far a fit was: it has ended, or a new run begins."""
-    (folder / _FILE).unlink(missing_ok=True)
+    (folder / "fit.json").unlink(missing_ok=True)

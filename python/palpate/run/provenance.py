@@ -52,6 +52,11 @@ class StageRecords:
         """True if a stage has been run."""
         return stage in self._read()
 
+    @property
+    def is_going_on(self) -> bool:
+        """True if a whole run has begun here and not ended, whether a process runs it or not."""
+        return self.has("whole run")
+
     def writer(self, path: Path) -> str:
         """Stage that wrote a file last; empty where none is on record."""
         name = self._name(path)

@@ -29,7 +29,7 @@ from palpate.plugins.optional import ExperimentDrawer, PressDrawer
 from palpate.plugins.sections import Summary
 from palpate.progress import SILENT, Progress
 from palpate.run.directory import RunDirectory, measured_files
-from palpate.run.fit_state import is_going_on, mark_ended, mark_going_on, remove_fit_state
+from palpate.run.fit_state import remove_fit_state
 from palpate.run.ledger import Ledger
 from palpate.run.manifest import Changed, changed, manifest
 from palpate.run.ownership import drawing_in
@@ -159,7 +159,7 @@ def run_study(
     directory, before = RunDirectory(run_folder), RunDirectory(forked_from or run_folder)
     directory.refuse_other(study, adopt=adopt)
     has_answer = directory.records.has("answer") and bool(directory.result())
-    if is_complete := has_answer and not is_going_on(run_folder):
+    if is_complete := has_answer and not directory.records.is_going_on:
         progress.note(f"{run_folder} is complete: simulations are reused, fit and report made again")
     progress.begin("check", 1)
     run = read_run(study, directory, plugins, progress, is_copy=False)
@@ -181,7 +181,7 @@ def run_study(
             with Ledger(forked_from) as ledger:
                 ledger.copy_to(run_folder)
         directory.initialise(study, plugins.channels, simulating=True, fit_start=fit_start)
-        mark_going_on(run_folder)
+        directory.records.write("whole run", (), {})  # until it ends
         if n_kept := inputs.design.n_kept:
             progress.note(f"the first {n_kept} sets of the design are from an earlier one with wider ranges")
         given = replace(run, study=study, fresh=inputs, check_lock=check_lock, is_quick=is_quick)
@@ -201,7 +201,7 @@ def _made(run: Run, inputs: StudyInputs, wanted: Sequence[Stage], made_from: Map
             if stage.needs:
                 run = _again(run, stage, wanted)
         remove_fit_state(folder)
-        mark_ended(folder)
+        run.directory.records.forget("whole run")
     except FirstAnswerError:
         is_first_answer = True
     run.spent.write()

@@ -25,7 +25,6 @@ from palpate.plugins.sections import Section, Summary
 from palpate.plugins.table import StageTable
 from palpate.progress import SILENT, Progress
 from palpate.run.directory import RunDirectory
-from palpate.run.fit_state import is_going_on
 from palpate.run.keys import answers_key
 from palpate.run.provenance import described, fingerprint
 from palpate.run.result import FIRST_ANSWER, FitResult, StudyInputs
@@ -298,8 +297,8 @@ class Run:
         """Values that the run has found for all spots together."""
         self.check("select")
         chosen, general = (self.table(name, "select") for name in ("selection", "generalisation"))
-        fit, folder = self.fit(), self.directory.folder
-        if fit.table.is_empty() and chosen.is_empty() and general.is_empty() and is_going_on(folder):
+        fit, folder, records = self.fit(), self.directory.folder, self.directory.records
+        if fit.table.is_empty() and chosen.is_empty() and general.is_empty() and records.is_going_on:
             raise StudyError(
                 f"{folder}: the run has not ended, and nothing is fitted or selected yet; finish the run: "
                 f"`palpate run {typed(folder)}`"

@@ -11,7 +11,7 @@ import polars as pl
 from palpate.domain import Status
 from palpate.errors import StudyError
 from palpate.run.directory import RunDirectory
-from palpate.run.fit_state import FitState, is_going_on, read_fit_state
+from palpate.run.fit_state import FitState, read_fit_state
 from palpate.run.ledger import Ledger
 from palpate.run.lock import Runner, living_runner_of
 from palpate.run.result import FIRST_ANSWER
@@ -85,7 +85,7 @@ def status(folder: Path) -> RunStatus:
     runner, state = living_runner_of(folder), read_fit_state(folder)
     states = dict(rows["state"].value_counts().sort("count", "state", descending=[True, False]).iter_rows())
     n_to_do = n_left + ((state and state.n_left) or 0)
-    has_ended = not is_going_on(folder)
+    has_ended = not run.records.is_going_on
     is_ended = has_ended and runner is None and not n_left and state is None
     lines, pace = run.result(), _seconds_left(rows, n_left, runner)
     is_first = bool(lines) and not is_ended and run.records.is_current(FIRST_ANSWER)

@@ -22,7 +22,6 @@ from palpate.api.runs import (
     answering_for,
     best_sets,
     fit_so_far,
-    is_going_on,
     keep_only,
     living_runner_of,
     processor_time,
@@ -180,7 +179,7 @@ def _unfinished(run: Run, *, runs_now: bool) -> str:
     with Ledger(directory.folder) as ledger:
         counts = ledger.counts()
     n_left, state = counts.get("left", 0), read_fit_state(directory.folder)
-    is_left = runs_now or n_left or state or is_going_on(directory.folder)
+    is_left = runs_now or n_left or state or directory.records.is_going_on
     # Without a sweep there is nothing to report before the fit.
     if not is_left and (is_swept or directory.records.has("fit")):
         return ""
