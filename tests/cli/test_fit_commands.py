@@ -35,7 +35,7 @@ def test_every_command_works_without_a_sweep(call, without_sweep, tmp_path):
     assert (ran.json["n_sets"], ran.json["selection"]) == (0, [])
     assert ran.json["n_simulations"] == call("status", "runs/toy", "--json").json["n_simulations"] > 0
     joint = [row for row in ran.json["fit"] if row["fit"] == "all spots"]
-    assert [row["rubber.k"] for row in joint] == pytest.approx([2.0, 2.0], rel=1e-3)
+    assert [row["rubber.k [kPa]"] for row in joint] == pytest.approx([2000.0, 2000.0], rel=1e-3)
     before = {path.name: path.read_bytes() for path in (tmp_path / "runs" / "toy").glob("*.parquet")}
     again = call("run", "runs/toy", "--json", "--trust-plugins", plugin=None)
     assert (again.code, again.json["fit"]) == (0, ran.json["fit"])
@@ -50,7 +50,7 @@ def test_every_command_works_without_a_sweep(call, without_sweep, tmp_path):
         assert [row[key] for key in ("fit", "scenario", "spot")] == [
             of_run[key] for key in ("fit", "scenario", "spot")
         ]
-        assert row["rubber.k"] == pytest.approx(of_run["rubber.k"], rel=1e-6)
+        assert row["rubber.k"] == pytest.approx(0.001 * of_run["rubber.k [kPa]"], rel=1e-6)
     more = call("run", without_sweep, "--sets", "8", "--out", "more", "--json")
     assert (more.code, more.json["n_sets"]) == (0, 8)
     assert more.json["n_simulations"] > 8
@@ -252,7 +252,7 @@ def test_a_search_that_raises_later_leaves_its_best(call, with_plugin):
     ran = call("run", with_plugin(asks=MID), "--json")
     assert ran.code == 0, ran.err
     row = ran.json["fit"][0]
-    assert row["rubber.k"] > 0.0
+    assert row["rubber.k [kPa]"] > 0.0
     assert "'wrong' (" in row["message"]
     assert "raised KeyError: 'gone'" in row["message"]
 

@@ -29,7 +29,8 @@ PUBLISHED = {
     2: "0546410e5aeb8c1d",
     3: "8b1545c8a87cf3c1",
     4: "12420e8218a6eede",
-    5: "fc640e8a31c11ea1",
+    5: "dae185af669f56ed",
+    6: "cb8eeecd7c5468de",
 }
 """Digest of all schemas of each version."""
 

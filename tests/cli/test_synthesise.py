@@ -40,7 +40,7 @@ def test_a_run_on_the_curves_is_near_the_truth(call: Call, planned: Path, tmp_pa
     for file in files[:2]:
         (planned / Path(file).name).write_bytes((tmp_path / file).read_bytes())
     best = call("run", planned, "--json").json["selection"][0]
-    assert best["rubber.k"] == pytest.approx(2.0, abs=2.0 / 20)  # one stratum of the design
+    assert best["rubber.k [kPa]"] == pytest.approx(2000.0, abs=2000.0 / 20)  # one stratum of the design
 
 
 def test_nothing_is_overwritten(call: Call, planned: Path) -> None:

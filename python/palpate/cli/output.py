@@ -16,7 +16,7 @@ from palpate.domain.component import Component
 from palpate.limb.outer_surface import SurfaceShares
 from palpate.plugins.table import StageTable
 
-VERSION = 5
+VERSION = 6
 """Version of all that is described here."""
 
 Number = float | None

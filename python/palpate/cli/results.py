@@ -6,8 +6,6 @@ from palpate.cli.session import Session
 from palpate.errors import NothingSelectableError
 
 if TYPE_CHECKING:
-    from pathlib import Path
-
     from palpate.cli.progress import StageProgress
     from palpate.plugins.sections import Summary
     from palpate.stages.pipeline import RunResult
@@ -47,26 +45,24 @@ def show_summary(
         raise NothingSelectableError(summary.missing)
 
 
-def n_simulations(folder: "Path") -> int:
-    """Number of the simulations that a run directory has."""
-    from palpate.run.ledger import Ledger
-
-    with Ledger(folder) as ledger:
-        return len(ledger.seconds())
-
-
 def run_values(study: "Study", result: "RunResult") -> dict[str, Any]:
-    """Result of a run as ``--json`` prints it."""
-    tables = ("selection", "generalisation", "verification")
+    """Result of a run as ``--json`` prints it, with parameters in the units of the study."""
+    from palpate.run.ledger import Ledger
+    from palpate.study.display_units import with_units
+
+    with Ledger(result.folder) as ledger:
+        n_simulations = len(ledger.seconds())
+    found, fit = result.selected, result.fit.estimates
+    values = {"selection": found.selection, "generalisation": found.generalisation, "fit": fit}
     return {
         "study": study.name,
         "data": study.data,
         "folder": str(result.folder),
         "is_first_answer": result.is_first_answer,
         "n_sets": result.design.n_sets,
-        "n_simulations": n_simulations(result.folder),
-        **{name: getattr(result.selected, name).to_dicts() for name in tables},
-        "fit": result.fit.estimates.to_dicts(),
+        "n_simulations": n_simulations,
+        **{name: with_units(study, frame).to_dicts() for name, frame in values.items()},
+        "verification": found.verification.to_dicts(),
         **result.summary.values,
     }
 

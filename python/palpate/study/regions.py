@@ -284,16 +284,16 @@ def _every(space: ParameterSpace) -> dict[str, Parameter]:
 def display_units(tables: Mapping[str, RegionTable], space: ParameterSpace) -> dict[str, str]:
     """Units in which ranges are written, by full name, where they are not the material's.
 
-    What is tied to a parameter of the same unit has the one that this is written in.
+    What is tied to a parameter of the same unit has its unit, and every modulus the unit of the first.
     """
-    own = {r.name_of(p.name): p.unit for r in space.regions for p in r.material.parameters}
-    shown = {*space.names, *space.ties} & own.keys()
-    written = {name: _written_unit(tables, space.root(name)) for name in shown}
-    return {
-        name: written[name]
-        for name in own
-        if name in shown and own[name] == own[space.root(name)] and written[name] not in ("", own[name])
-    }
+    own = {r.name_of(p.name): p for r in space.regions for p in r.material.parameters}
+    shown = [name for name in own if name in {*space.names, *space.ties}]
+    alike = [name for name in shown if own[name].unit == own[space.root(name)].unit]
+    written = {name: _written_unit(tables, space.root(name)) for name in alike}
+    written = {name: unit for name, unit in written.items() if unit not in ("", own[name].unit)}
+    moduli = [name for name in shown if own[name].kind == "modulus"]
+    first = next((name for name in moduli if name in written), None)
+    return written | (dict.fromkeys(moduli, written[first]) if first else {})
 
 
 def _written_unit(tables: Mapping[str, RegionTable], name: str) -> str:

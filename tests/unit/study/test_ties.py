@@ -49,6 +49,11 @@ def test_a_tied_parameter_follows_and_is_neither_searched_nor_fixed(read):
     np.testing.assert_allclose(thetas["rubber"], [2.0, 0.5])
 
 
+def test_every_modulus_has_the_unit_of_the_first(read):
+    skin = 'k = { lower = "0.1 MPa", upper = "0.5 MPa" }\na = 0.5\n'
+    assert read(skin=skin).units == {"rubber.k": "kPa", "skin.k": "kPa"}
+
+
 def test_a_tied_parameter_has_the_written_unit_of_what_it_follows(read):
     assert read(skin='k = "0.3 * rubber.k"\na = 0.5\n').units == {"rubber.k": "kPa", "skin.k": "kPa"}
     ratio = 'k = { lower = "0.1 * rubber.k", upper = "0.5 * rubber.k" }\na = "0.1 MPa^-1 * k"\n'

@@ -9,7 +9,7 @@ from palpate.api import ParameterName
 from palpate.api.fit import ALL_SPOTS, FIT, IN_FULL, REFUSED, TIED, UNCLEAR, Adequacy, mark_of, verdict_of
 from palpate.api.report import rounded
 from palpate_report.answer.model_verdict import model_verdict
-from palpate_report.data.marks import Headline, small_unit, with_unit
+from palpate_report.data.marks import Headline, with_unit
 from palpate_report.data.report_data import ReportData
 
 
@@ -59,12 +59,11 @@ def between_spots(data: ReportData) -> str:
     rows = data.leading_rows(data.table("between_spots")).to_dicts()
     found = []
     for row in rows:
-        factor, unit = small_unit(row["unit"], row["upper"])
-        ends = {"unit": unit, "lower": factor * row["lower"], "upper": factor * row["upper"]}
-        name = data.brief_name(row["parameter"])
-        text = str(Headline(parameter=name, value=factor * row["sd"], **ends))
+        unit, name = row["unit"], data.brief_name(row["parameter"])
+        ends = {"lower": row["lower"], "upper": row["upper"]}
+        text = str(Headline(parameter=name, unit=unit, value=row["sd"], **ends))
         same = data.fit.intervals.filter(scenario=row["scenario"], parameter=row["parameter"])
-        own = sorted(factor * same.filter(pl.col("fit") != row["fit"])["value"])
+        own = sorted(same.filter(pl.col("fit") != row["fit"])["value"])
         found.append(text + (f", spots {with_unit(f'{own[0]:.3g} to {own[-1]:.3g}', unit)}" if own else ""))
     sd = "standard deviation between spots (95 % interval)"
     return f"they differ, {sd}: {'; '.join(found)}" if found else ""

@@ -23,11 +23,6 @@ def with_unit(text: str, unit: str) -> str:
     return text if unit in ("", "1") else f"{text} {unit}"
 
 
-def small_unit(unit: str, largest: float) -> tuple[float, str]:
-    """Factor and unit in which a small number has few zeros: moduli below 0.1 MPa in kPa."""
-    return (1000.0, "kPa") if unit == "MPa" and abs(largest) < 0.1 else (1.0, unit)
-
-
 def range_of(parameter: Parameter) -> str:
     """Name of a parameter with its range and unit."""
     return with_unit(f"{parameter.name} {parameter.lower:.4g} to {parameter.upper:.4g}", parameter.unit)

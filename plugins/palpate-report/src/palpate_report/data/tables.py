@@ -9,7 +9,7 @@ from palpate.api.fit import ALL_SPOTS, Adequacy, mark_of
 from palpate.api.runs import Completeness, by_reason, failures, unranked
 from palpate_report.data.best import weighted_channels
 from palpate_report.data.display_units import shared_names
-from palpate_report.data.marks import in_words, small_unit
+from palpate_report.data.marks import in_words
 from palpate_report.data.report_data import ReportData
 
 TITLES: Mapping[str, str] = MappingProxyType(
@@ -108,15 +108,8 @@ def printed(name: str, table: pl.DataFrame) -> pl.DataFrame:
 
 
 def between_spots(data: ReportData) -> pl.DataFrame:
-    """Means of parameters and their standard deviations between spots, with intervals; small ones in kPa."""
-    rows = []
-    for row in data.table("between_spots").iter_rows(named=True):
-        factor, unit = small_unit(row["unit"], row["upper"])
-        sds = {"sd": row["sd"], "sd_lower": row.pop("lower"), "sd_upper": row.pop("upper")}
-        numbers = {name: factor * number for name, number in {"value": row["value"], **sds}.items()}
-        n_spots = row.pop("n_spots")
-        rows.append({**row, "unit": unit, **numbers, "n_spots": n_spots})
-    return pl.DataFrame(rows)
+    """Means of parameters and their standard deviations between spots, with intervals."""
+    return data.table("between_spots").rename({"lower": "sd_lower", "upper": "sd_upper"}, strict=False)
 
 
 def _with_units(data: ReportData, mesh: pl.DataFrame) -> pl.DataFrame:

@@ -29,9 +29,9 @@ from palpate_report.figures.style import (
     LINES,
     MEASURED_COLOUR,
     Dash,
+    axis_label,
     column_mm,
     finished,
-    label_axis,
     panels,
     save,
     set_log,
@@ -290,7 +290,7 @@ def interval_plot(data: ReportData) -> Figure:
             set_log(axis, "x")
         else:
             axis.locator_params(axis="x", nbins=4)
-        label_axis(axis.xaxis, data.widened.get(name, parameter))
+        axis.set_xlabel(axis_label(data.widened.get(name, parameter)))
     axes[0].set_yticks(range(len(spots)), spots)
     axes[0].set_ylim(len(spots) - 0.5, -0.5)
     return finished(figure, axes, data.stamp)

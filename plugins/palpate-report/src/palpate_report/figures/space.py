@@ -26,7 +26,6 @@ from palpate_report.figures.style import (
     PlainNumbers,
     axis_label,
     finished,
-    label_axis,
     lettered,
     panels,
     set_log,
@@ -79,8 +78,8 @@ def parameter_space(data: ReportData, spot: str) -> Figure:
             _draw_region(draws, axis, names, f"95 % region of {data.together}, as the intervals")
             _scatter(axis, (values[:, i], values[:, j]), fopt)
             _draw_paths(data, spot, axis, names)
-            label_axis(axis.xaxis, ranges[i])
-            label_axis(axis.yaxis, ranges[j])
+            axis.set_xlabel(axis_label(ranges[i]))
+            axis.set_ylabel(axis_label(ranges[j]))
             _draw_truth(data, axis, names)
             _set_scales(axis, (parameters[i], parameters[j]))
             _draw_contours(data, axis, *names)
@@ -142,7 +141,7 @@ def _draw_space(
     _scatter(flat[0], tuple(values.T), fopt)
     axis: Any = flat[0]
     for one, parameter in zip((axis.xaxis, axis.yaxis, axis.zaxis), parameters, strict=True):
-        label_axis(one, parameter)
+        one.set_label_text(axis_label(parameter))
         one.label.set_fontsize(5.5)
         one.labelpad = -9.0
     axis.tick_params(labelsize=5, pad=-3)

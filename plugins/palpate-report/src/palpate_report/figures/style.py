@@ -4,7 +4,6 @@ import re
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from contextvars import ContextVar
-from dataclasses import replace
 from pathlib import Path
 from string import ascii_lowercase, ascii_uppercase
 from types import MappingProxyType
@@ -21,7 +20,6 @@ from matplotlib.figure import Figure
 from matplotlib.ticker import LogFormatter
 
 from palpate.api import Parameter
-from palpate_report.data.marks import small_unit, with_minus
 from palpate_report.data.report_data import label_of
 from palpate_report.settings import BY_ITSELF, ReportSettings
 
@@ -167,16 +165,6 @@ def symbols(text: str) -> str:
 def axis_label(parameter: Parameter) -> str:
     """Label of an axis of a parameter: symbol and unit."""
     return symbol(label_of(parameter))
-
-
-def label_axis(one: Axis, parameter: Parameter) -> None:
-    """Label an axis of a parameter; small moduli on a linear scale are in kPa."""
-    factor, unit = small_unit(parameter.unit, max(abs(parameter.lower), abs(parameter.upper)))
-    if factor == 1.0 or parameter.scale == "log":
-        one.set_label_text(axis_label(parameter))
-        return
-    one.set_label_text(symbol(label_of(replace(parameter, unit=unit))))
-    one.set_major_formatter(lambda x, _: with_minus(f"{round(factor * x, 6) + 0.0:g}"))
 
 
 def lettered(axes: Iterable[Axes]) -> None:
