@@ -67,3 +67,13 @@ class Box:
         """Derivatives of values, which may be outside of the box, in their coordinates."""
         lower, upper = np.where(self.log, self.lower, 1.0), np.where(self.log, self.upper, np.e)
         return np.where(self.log, values * np.log(upper / lower), self.upper - self.lower)
+
+
+def on_grid(point: FloatArray, accuracy: float) -> FloatArray:
+    """Nearest point (n_parameters,) of a grid in the unit box, far finer than a solver's relative accuracy.
+
+    Rounding errors differ between processes. A fit that goes on in another one asks for the same points of
+    the grid, whose simulations are kept.
+    """
+    spacing = 2.0 ** np.floor(np.log2(1e-3 * accuracy))
+    return np.asarray(np.round(point / spacing) * spacing)

@@ -193,12 +193,12 @@ class Problem:
                 )
         return values
 
-    def point_of(self, known: Mapping[str, float], *, exact: bool = False) -> FloatArray:
-        """Point of the box from values by name, if ``exact`` one that has them to the last bit.
+    def point_of(self, known: Mapping[str, float]) -> FloatArray:
+        """Point of the box that has values by name to the last bit, so that their simulations are found.
 
         What is not known is at its prior, where the parametrisation starts, or in the middle.
         """
-        usual, to_point = self._usual(), self.box.exact_point if exact else self.box.point
+        usual = self._usual()
         point = np.full(len(self.parameters), 0.5)
         for i, parameter in enumerate(self.parameters):
             head = ParameterName.parse(parameter.name).shared
@@ -207,7 +207,7 @@ class Problem:
                 if parameter.name in given or head in given:
                     values = self.box.lower.copy()
                     values[i] = given.get(parameter.name, given.get(head, np.nan))
-                    point[i] = to_point(values)[i]
+                    point[i] = self.box.exact_point(values)[i]
                     break
         return point
 

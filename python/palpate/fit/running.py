@@ -7,6 +7,7 @@ import numpy as np
 
 from palpate.domain import FloatArray, Job, Parameter, Simulation
 from palpate.errors import PalpateError, PluginError
+from palpate.fit.box import on_grid
 from palpate.fit.problem import ROUNDING, Problem
 from palpate.plugins.guard import answering_for
 from palpate.plugins.search import Asking, Evaluation, Search, SearchSpace, Trial
@@ -208,7 +209,7 @@ def _next(
                 return
             if len(trials) == 0:
                 raise ValueError("it asked for no trial")
-            trials = [_sound(trial, fit.start.size) for trial in trials]
+            trials = [_sound(trial, fit) for trial in trials]
             if len(fit.trace) + len(trials) > MOST_EVALUATIONS:
                 raise ValueError(f"it asked for more than {MOST_EVALUATIONS} evaluations")
     except PalpateError as error:
@@ -218,10 +219,12 @@ def _next(
     wanted.append(trials)
 
 
-def _sound(trial: Trial, n: int) -> Trial:
+def _sound(trial: Trial, fit: Fit) -> Trial:
     """The trial with a point of its own: what a search does with its array later changes no result."""
-    point = np.array(trial.point, dtype=np.float64)
+    point, n = np.array(trial.point, dtype=np.float64), fit.start.size
     if point.shape != (n,) or not ((point >= 0.0) & (point <= 1.0)).all():
         raise ValueError(f"it asked for {point}, which is no point of the unit box of {n} coordinates")
+    if not np.array_equal(point, fit.start):
+        point = on_grid(point, fit.problem.study.solver.provides.accuracy)
     point.setflags(write=False)
     return Trial(point=point, slopes=bool(trial.slopes))

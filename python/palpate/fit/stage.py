@@ -231,8 +231,7 @@ class FitStage:
             problem = self.problem(case, {spot: self._nearest(spot) for spot in case.spots})
             self._cases += [case] if case not in self._cases else []
             for start in starts[id(case)] or [{}]:
-                # What the earlier run has simulated there is not simulated again.
-                point = problem.point_of(start, exact=start is self.first_start)
+                point = problem.point_of(start)
                 case.fits.append(Fit(problem, point if start else scaled_start(problem, point), are_rough))
             fits += case.fits
         run_searches(self.study.search, fits, self.simulations.of, self.study.seed, self._stepped)

@@ -5,7 +5,7 @@ import polars as pl
 import scipy
 
 from palpate.domain import Design, FloatArray, ParameterName, channel_of
-from palpate.fit.box import Box
+from palpate.fit.box import Box, on_grid
 from palpate.fit.problem import Problem
 from palpate.fit.spot_term import pieces
 from palpate.plugins.search import Trial
@@ -81,7 +81,10 @@ def scaled_start(problem: Problem, start: FloatArray) -> FloatArray:
         return start
     is_modulus = np.array([p.kind == "modulus" for p in problem.parameters])
     values = problem.box.values(start)
-    scaled = problem.box.point(np.where(is_modulus, scale * values, values))
+    scaled = on_grid(
+        problem.box.point(np.where(is_modulus, scale * values, values)),
+        problem.study.solver.provides.accuracy,
+    )
     # As a search asks for it, so that it costs nothing more.
     (found,) = problem.evaluate([Trial(point=scaled, slopes=problem.study.solver.provides.slopes)])
     return start if found.residuals is None else scaled

@@ -75,6 +75,18 @@ def test_a_fit_finds_the_same_whatever_runs_at_the_same_time(search):
         assert (fit.message, fit.objective) == (alone.message, alone.objective)
 
 
+def test_rounding_errors_of_another_process_lead_to_the_same_points():
+    def rounded_otherwise(jobs):
+        return [residuals * (1.0 + 1e-13) for residuals in Batches()(jobs)]
+
+    (first,), (other,) = fits((1 / 3, 0.61)), fits((1 / 3, 0.61))
+    run_searches(LeastSquares(), [first], Batches(), seed=1)
+    run_searches(LeastSquares(), [other], rounded_otherwise, seed=1)
+    assert len(first.trace) > 1
+    assert first.objective != other.objective
+    assert np.array_equal([e.point for e in first.trace], [e.point for e in other.trace])
+
+
 def test_a_round_is_one_batch():
     batches = Batches()
     run_searches(LeastSquares(), fits((0.3, 0.6), (0.5, 0.5), (1.5, 0.2)), batches, seed=1)

@@ -240,7 +240,7 @@ class Assessment:
             numbers = np.flatnonzero([at == site for at in sites])
             there = [whole.terms[number] for number in numbers]
             alone, rows = whole.restated(there), np.isin(points.rows.spot, numbers)
-            found = _nearly_least(alone, [alone.point_of(ends[t.spot], exact=True) for t in there])
+            found = _nearly_least(alone, [alone.point_of(ends[t.spot]) for t in there])
             if found is None:
                 return None
             here = np.flatnonzero([any(name.counts_at(t.spot) for t in there) for name in parsed])
