@@ -25,7 +25,7 @@ from palpate.plugins.interfaces import Solver
 from palpate.plugins.provides import Provides
 from palpate.stages import core_stages, pipeline
 from palpate.testing import LinearMaterial
-from palpate_certainty import assessment
+from palpate_certainty import stages
 from palpate_certainty.emulated_curves import SimulatedCurves, runs_of_sets
 
 pytestmark = pytest.mark.usefixtures("one_figure")
@@ -261,8 +261,8 @@ def test_contours_simulate_nothing_and_know_the_sets_of_the_sweep(run, asked, mo
         made.append((found, runs_of_sets(simulated, design, swept), design, simulated))
         return found
 
-    real = assessment.planes_of_fits
-    monkeypatch.setattr(assessment, "planes_of_fits", planes_of_fits)
+    real = stages.planes_of_fits
+    monkeypatch.setattr(stages, "planes_of_fits", planes_of_fits)
     result = run(TRUTH, space(), SEARCHED, n_sets=7, scenarios=ONE)
     assert sum(bool(job.warm_starts) for job in asked) == 2 * 5
     ((planes, runs, design, simulated),) = made
@@ -282,7 +282,7 @@ def test_a_set_that_a_fit_would_simulate_otherwise_is_left_out(run, monkeypatch)
         made.append(runs_of_sets(SimulatedCurves(assessed[0].end.problem, ["force"]), design, swept))
         return pl.DataFrame()
 
-    monkeypatch.setattr(assessment, "planes_of_fits", planes_of_fits)
+    monkeypatch.setattr(stages, "planes_of_fits", planes_of_fits)
     run(TRUTH, space(), {"friction": {"lower": 0.1, "upper": 0.9}}, n_sets=4, scenarios=ONE)
     assert made == [None]
 
@@ -298,7 +298,7 @@ def test_the_posterior_asks_for_no_set_of_the_sweep_again(run, asked, plugins, m
         pipeline.run_stage("certainty", study, folder, plugins)
         return found
 
-    monkeypatch.setattr(assessment, "planes_of_fits", lambda *args, main: pl.DataFrame())
+    monkeypatch.setattr(stages, "planes_of_fits", lambda *args, main: pl.DataFrame())
     real = pipeline.run_study
     monkeypatch.setattr(pipeline, "run_study", run_study)
     found = run(TRUTH, space(), n_sets=7, scenarios=ONE)
