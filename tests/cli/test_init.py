@@ -135,10 +135,12 @@ def test_lines_of_a_study_that_are_not_edited_are_a_warning(call: Call) -> None:
     assert list(unedited_warnings(read_study("arm"))) == []
 
 
-def machine_log(*, turns: bool) -> str:
-    """Log of a testing machine: a press of 6 mm on a half-space of 15 kPa, and a twist to 20° both ways."""
+def machine_log(*, turns: bool, deep_mm: float = 6.0) -> str:
+    """Log of a testing machine: a press on a half-space of 15 kPa, and a twist to 20° both ways."""
     noise, time = np.random.default_rng(3), np.arange(0.0, 8.0, 0.01)
-    travel = np.interp(time, [0.0, 0.5, 2.5, 7.0, 7.5, 8.0], [0.0, 0.0, 7.0, 7.0, 0.0, 0.0])
+    travel = np.interp(
+        time, [0.0, 0.5, 2.5, 7.0, 7.5, 8.0], [0.0, 0.0, 1.0 + deep_mm, 1.0 + deep_mm, 0.0, 0.0]
+    )
     angle = np.interp(time, [0.0, 2.5, 3.5, 5.5, 6.5, 8.0], [0.0, 0.0, -20.0, 20.0, 0.0, 0.0])
     depth = np.maximum(travel - 1.0, 0.0)
     columns = {
@@ -174,6 +176,20 @@ def test_init_writes_the_motion_of_a_log_without_its_noise(call: Call, turns: bo
     unused = "Tz [Nmm] is not used: no column of rotation; add one in deg, or no twist is compared"
     assert (unused in found.findings) == (not turns)
     assert {row[-1] for row in found.tables[1].rows if row[1] == "Tz [Nmm]"} == {"" if turns else "not used"}
+
+
+def test_init_writes_the_depth_of_each_spot(call: Call) -> None:
+    """A twist at another depth has another torque; depths that differ by the noise of a log are one."""
+    call("init", "try", plugin=None)
+    files: list[str] = []
+    for name, deep_mm in (("a", 6.0), ("b", 6.4), ("c", 6.01)):
+        Path(f"{name}.csv").write_text(machine_log(turns=True, deep_mm=deep_mm), encoding="utf-8")
+        files += ["--measured", f"{name}.csv", "--mesh", "try/meshes/p1.vtu"]
+    assert call("init", "own", *files, plugin=None).code == 0
+    study = read_study("own")
+    deepest = [study.protocol_at(spot).path[:, 0].max() for spot in study.spot_names]
+    assert deepest == pytest.approx([6.0, 6.4, 6.0])
+    assert call("check", "own", plugin=None).code == 0
 
 
 def test_init_makes_a_spot_of_each_specimen(call: Call) -> None:

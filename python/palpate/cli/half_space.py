@@ -2,6 +2,7 @@
 
 import re
 from collections.abc import Iterator
+from contextlib import suppress
 from pathlib import Path
 
 import numpy as np
@@ -18,9 +19,13 @@ from palpate.study.reading import Study, read_study
 from palpate.toml_text import MARK, toml_value
 from palpate.units import convert
 
+DEPTHS_ALIKE = 0.01
+"""Difference between depths, over their size, that counts as none: torque differs by about twice as much."""
+
 WIDE = 4.0
 """Range of the searched modulus, over its estimate: a thin layer on bone is several times stiffer."""
 
+AS_MEASURED = "   # as your curves have it"
 BORROWED, HALF_SPACE = f"   # {MARK}: copied from ", "   # around a half-space estimate of your force"
 
 SEARCHED = """[fit.searched]
@@ -41,6 +46,7 @@ def with_own_ranges(file: Path, plugins: Plugins, ready: str) -> bool:
         study = read_study(file, plugins)
         measured = read_first(study)
         text = _with_scenarios(_with_motion(text, measured, borrowed), study, measured)
+        text = _with_depths(text, study, measured)
         file.write_text(text, encoding="utf-8")
         study = read_study(file, plugins)
         if isinstance(study.protocol, Indentation):  # a force a thousand times off gives no range
@@ -61,11 +67,9 @@ def _with_motion(text: str, measured: Response, borrowed: str) -> str:
     Without a torque there is no twist, and friction is not searched.
     """
     own = {} if TORQUE.name in measured else {"twist": ""}
-    # How well a log knows the depth of its first contact; curves that are processed are as written.
-    depth_error = measured.record.get("uncertainty", {}).get("depth_mm", 0.0)
+    depth_error = _depth_error_mm(measured)
     if FORCE.name in measured:
-        deepest = measured[FORCE.name].abscissa.max()
-        own["depth"] = f'"{_rounded(deepest, min(depth_error, 0.01 * deepest)):.4g} mm"'
+        own["depth"] = _depth_of(measured)
     if TORQUE.name in measured:
         curve = measured[TORQUE.name]
         # A log's turn is known to half of the step between two points of its curve.
@@ -74,7 +78,7 @@ def _with_motion(text: str, measured: Response, borrowed: str) -> str:
         # A curve of more turns is no motion that can be copied.
         if len(turns) <= 6:
             own["twist"] = toml_value([f"{turn:g} deg" for turn in turns])
-    mark = "   # as your curves have it\n"
+    mark = f"{AS_MEASURED}\n"
     lines = {name: f"{name} = {value}{mark}" if value else "" for name, value in own.items()}
     no_twist = f"{borrowed}; without a twist no curve shows it\n"
     searched = "   # of a sweep alone: the fit searches it, see [fit.searched]\n"
@@ -90,6 +94,37 @@ def _with_motion(text: str, measured: Response, borrowed: str) -> str:
         return re.sub(r"^(friction = [^#\n]*?) *\n", rf"\1{friction}", moved, flags=re.MULTILINE)
 
     return re.sub(r"^\[protocol\]\n(?:(?!\[).*\n?)*", table, text, flags=re.MULTILINE)
+
+
+def _depth_error_mm(measured: Response) -> float:
+    """How well a log knows the depth of its first contact; curves that are processed are as written."""
+    return float(measured.record.get("uncertainty", {}).get("depth_mm", 0.0))
+
+
+def _depth_of(measured: Response) -> str:
+    """Depth of a press by its force, as a study writes it."""
+    deepest = float(measured[FORCE.name].abscissa.max())
+    return f'"{_rounded(deepest, min(_depth_error_mm(measured), DEPTHS_ALIKE * deepest)):.4g} mm"'
+
+
+def _with_depths(text: str, study: Study, measured: Response) -> str:
+    """Text where each other spot that was pressed to another depth than the first has it: there it is turned.
+
+    A spot whose file cannot be read is left to `palpate check`.
+    """
+    if FORCE.name not in measured:
+        return text
+    deepest = measured[FORCE.name].abscissa.max()
+    for number, spot in enumerate(study.spots[1:], start=1):
+        with suppress(PalpateError):
+            there = read_first(study, number)
+            if FORCE.name not in there:
+                continue
+            if abs(there[FORCE.name].abscissa.max() - deepest) > DEPTHS_ALIKE * deepest:
+                head = rf'^\[\[spot\]\]\nname = "{re.escape(spot.spot.name)}"\n(?:(?!\[).+\n)*'
+                own = f"\n[spot.protocol]\ndepth = {_depth_of(there)}{AS_MEASURED}\n"
+                text = re.sub(head, lambda found, own=own: found[0] + own, text, flags=re.MULTILINE)  # type: ignore[misc]
+    return text
 
 
 def _rounded(value: float, within: float) -> float:

@@ -86,9 +86,9 @@ def load_presses(study: Study, channels: Mapping[str, Channel]) -> dict[str, Pre
     return _checked_weights(study, every)
 
 
-def read_first(study: Study) -> Response:
-    """Curves of a study's first file as its loader reads them; nothing is checked against the protocol."""
-    spot = study.spots[0]
+def read_first(study: Study, spot_number: int = 0) -> Response:
+    """Curves of a spot's first file as its loader reads them; nothing is checked against the protocol."""
+    spot = study.spots[spot_number]
     loader, (only, paths) = study.loader_at(spot.spot.name), next(iter(spot.measured.items()))
     with answering_for(loader, f"reading {paths[0]}"):
         return next(iter(_presses_of(loader, paths[0], only).values()))
