@@ -7,6 +7,7 @@ from scipy.spatial.transform import Rotation
 
 from palpate.mesh.spot_frame import spot_axes
 from palpate_robot_log.processing.chain import process, wrench_at_spot
+from palpate_robot_log.processing.contact import place_of_contact
 from palpate_robot_log.processing.corrections import (
     Drift,
     Lag,
@@ -345,3 +346,14 @@ def test_the_spread_of_the_drift_is_that_where_each_curve_ends():
     assert spread["force"] < found.curves["force"].std[-1]
     without = process(logs.recording("p1"), logs.settings(drift={"enabled": False}))
     assert without.record["uncertainty"]["drift"] == {}
+
+
+@pytest.mark.parametrize("seed", range(1, 12, 2))
+def test_no_contact_pulls_the_tool(seed):
+    """A force that rises late, as on fat over muscle, is no fall before a rise; its place has an error."""
+    travel_mm = np.arange(-4.0, 8.5, 0.03)
+    force_N = np.maximum(travel_mm, 0.0) ** 2.2
+    noise_N = np.random.default_rng(seed).normal(0.0, 0.01 * force_N.max(), travel_mm.size)
+    found = place_of_contact(travel_mm, force_N + noise_N, exponent=1.3)
+    assert abs(found.at) < 0.5
+    assert found.std < 1.0

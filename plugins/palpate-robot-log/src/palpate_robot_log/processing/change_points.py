@@ -83,19 +83,23 @@ def profile(
     between: tuple[float, float],
     design: Design,
     zoom: Sequence[int] = FINE,
+    rising: int | None = None,
 ) -> ChangePoint:
     """Place of the change of a signal (n,), sought in the interval ``between``.
 
     The design is called with the abscissae scaled to a range of length 1, and with candidate places on
-    that scale; ``zoom`` are the numbers of places on the grids that close in.
+    that scale; ``zoom`` are the numbers of places on the grids that close in. The coefficient with the number
+    ``rising`` is not negative.
     """
     middle, scale = float(abscissa.mean()), float(np.ptp(abscissa)) or 1.0
     x, y = (abscissa - middle) / scale, values - values.mean()
     low, high = ((place - middle) / scale for place in between)
     best, coefficients, least = (low + high) / 2.0, np.empty(0), np.inf
+    whole, at_whole = np.linspace(low, high, zoom[0]), np.empty(0)
     for n_places in zoom:
         grid = np.linspace(low, high, n_places)
-        found, squares = _residuals(design(x, grid), y)
+        found, squares = _rising(design(x, grid), y, rising)
+        at_whole = at_whole if at_whole.size else squares
         index = int(np.argmin(squares))
         best, coefficients, least = float(grid[index]), found[index], float(squares[index])
         step = (high - low) / (n_places - 1)
@@ -104,10 +108,25 @@ def profile(
     step = 1e-4
     pair = design(x, np.array([best - step, best + step])) @ coefficients
     here = design(x, np.array([best]))
+    if rising is not None and coefficients[rising] <= 0.0:
+        here[:, :, rising] = 0.0
     left_over = float(_residuals(here, (pair[1] - pair[0]) / (2.0 * step))[1][0])
     variance = least / max(x.size - here.shape[2] - 1, 1)
     std = float(np.sqrt(variance / left_over)) if left_over > 0.0 else float(np.ptp(x))
+    # Where coefficients nearly imitate the place, its misfit bounds it, and no derivative does.
+    likely = whole[at_whole <= least + variance]
+    std = min(std, float(np.abs(likely - best).max(initial=0.0) + whole[1] - whole[0]))
     return ChangePoint(at=middle + scale * best, std=scale * std, squares=least, n_rows=y.size)
+
+
+def _rising(designs: FloatArray, y: FloatArray, rising: int | None) -> tuple[FloatArray, FloatArray]:
+    """Coefficients and squared residuals as of :func:`_residuals`, a falling one left out."""
+    found, squares = _residuals(designs, y)
+    if rising is not None and (falls := found[:, rising] < 0.0).any():
+        designs[falls, :, rising] = 0.0
+        found[falls], squares[falls] = _residuals(designs[falls], y)
+        found[falls, rising] = 0.0
+    return found, squares
 
 
 def _residuals(designs: FloatArray, y: FloatArray) -> tuple[FloatArray, FloatArray]:

@@ -246,7 +246,7 @@ def place_of_contact(
     block = -(-chosen.size // 1500)
     x, y = block_means(travel[chosen], block), block_means(force[chosen], block)
     first, last = float(x.min()), float(x.max())
-    fit = profile(x, y, (first, last), _law(exponent, n_terms), _ZOOM)
+    fit = profile(x, y, (first, last), _law(exponent, n_terms), _ZOOM, rising=1)
     at_edge = min(fit.at - first, last - fit.at) < 1e-3 * (last - first)
     return replace(fit, std=last - first) if at_edge else fit
 
