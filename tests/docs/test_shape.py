@@ -18,10 +18,10 @@ ROOT = Path(__file__).parents[2]
 LONGEST_FILE = 500
 LONGEST_FUNCTION = 45
 MOST = {
-    "lines": 78_256,
-    "lines of the core": 33_524,
+    "lines": 78_316,
+    "lines of the core": 33_556,
     "classes": 650,
-    "constants": 689,
+    "constants": 691,
     "long files": 0,
     "long functions": 6,
     "docstrings without a noun first": 0,

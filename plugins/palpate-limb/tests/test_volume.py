@@ -19,7 +19,7 @@ from palpate.mesh.spot_frame import contact_edge_mm
 from palpate.mesh.topology import outer_faces
 from palpate_forearm import CrossSection, InkMark, Phantom, PhantomBone, Scanner, write_phantom
 from palpate_indentation import MeshioSettings, MeshioSource
-from palpate_limb import from_scan
+from palpate_limb import from_scan, volume
 from palpate_limb.from_scan import layers_at_bone, sound_mesh
 from palpate_limb.layers import _inside, below_skin, extruded
 from palpate_limb.meshing import GROWTH, MIDDLE, SKIN_FALLS, SizeField, run_ftetwild
@@ -175,6 +175,35 @@ def test_points_of_a_grid_that_hang_together_around_an_end_have_rays_of_their_ow
     near = skin.nearest(grid.reshape(-1, 3))[1].reshape(true.shape) < 8.0
     for away in (everywhere, ~near):
         np.testing.assert_array_equal(_inside(skin, grid, away), true)
+
+
+def test_layers_near_an_end_are_refused_with_a_length_that_fits() -> None:
+    """There the surface below them would bend around the end of the scan."""
+    skin = SMALL.skin_surface(1.2)
+    scan = Surface(name="s", points_mm=skin.points_mm, faces=skin.faces)
+    given = scan, [], SMALL.spots[0], np.array([1.0, 0.0, 0.0])
+    assert cut(*given, 40.0, deep_mm=10.0).length_mm == 40.0
+    with pytest.raises(MeshError, match=r"layers of 15 mm needs 36\.5 mm on either side") as refused:
+        cut(*given, 40.0, deep_mm=15.0)
+    shorter = float(str(refused.value).partition("shorten the segment to ")[2].split()[0])
+    assert cut(*given, shorter, deep_mm=15.0).length_mm == shorter
+
+
+def test_what_simplifying_leaves_is_within_what_the_mesher_may_flatten(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    """Simplified surfaces have fins as high as their tolerance, over which layers fold."""
+    given: list[Surface] = []
+
+    def kept(points: np.ndarray, faces: np.ndarray, *_: object) -> None:
+        given.append(Surface(name="tissue", points_mm=points, faces=faces))
+        raise MeshError("kept")
+
+    monkeypatch.setattr(volume, "run_ftetwild", kept)
+    plan = MeshPlan(size=SIZE)
+    with pytest.raises(MeshError, match="kept"):
+        mesh_segment(segment(), plan)
+    assert given[0].nearest(segment().tissue.points_mm)[1].max() < 0.8 * plan.tolerance_mm
 
 
 def test_a_thick_layer_has_several_elements_through_it() -> None:

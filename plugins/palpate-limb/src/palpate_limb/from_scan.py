@@ -119,9 +119,12 @@ def limbs_of(scan: ReadScan, options: ScanOptions, *, finer: bool = False) -> It
     if missing := sorted(set(options.layer_at) - set(scan.spots)):
         raise MeshError(f"layers of spot '{missing[0]}': no such spot (there: {', '.join(scan.spots)})")
     plans = {name: options.mesh_at(name) for name in scan.spots}
+    segments = {}
+    for name, found in scan.spots.items():  # all before the first mesh, which takes longer
+        deep_mm, given = sum(plans[name].layers_mm.values()), (found.spot, scan.axis, options.length_mm)
+        segments[name] = cut(scan.surface, scan.bones, *given, stump=options.stump, deep_mm=deep_mm)
     for name, found in scan.spots.items():
-        plan = plans[name].finer if finer else plans[name]
-        segment = cut(scan.surface, scan.bones, found.spot, scan.axis, options.length_mm, stump=options.stump)
+        plan, segment = plans[name].finer if finer else plans[name], segments[name]
         limb, rise = moved_to_contact(sound_mesh(segment, plan), options.radius)
         quality = assess(limb, segment, plan.size.radius_mm, rise)
         check_quality(quality, name, plan.size.fine_mm)

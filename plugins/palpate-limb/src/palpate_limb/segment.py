@@ -3,6 +3,7 @@
 The x axis of the frame (:mod:`palpate.api.mesh`) is the limb's axis, as far as it is tangential.
 """
 
+import math
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from typing import Any
@@ -59,18 +60,20 @@ def cut(
     length_mm: float = 80.0,
     *,
     stump: bool = False,
+    deep_mm: float = 0.0,
 ) -> Segment:
     """Cut the segment of a spot.
 
     Scan and bones are closed and in one frame, ``axis`` (3,) is a unit vector along the limb. A ``stump``
-    ends in skin: a segment may reach past its end. A limb that ends within the segment, a hole there, a bone
-    that touches or leaves the skin, and bones that overlap are MeshErrors.
+    ends in skin: a segment may reach past its end. Layers ``deep_mm`` together would bend around an end
+    nearer to a cut. A limb that ends within the segment, a hole there, a bone that touches or leaves the
+    skin, and bones that overlap are MeshErrors.
     """
     motion = to_spot_frame(spot, axis)
     skin, placed = scan.moved(motion), tuple(bone.moved(motion) for bone in bones)
     along = motion[:3, :3] @ axis
     half = 0.5 * length_mm
-    _check_reach(spot.name, skin, along, half, stump=stump)
+    _check_reach(spot.name, skin, along, half, deep_mm, stump=stump)
     tissue, inside, remarks = _tissue(spot.name, skin, placed, along, half)
     return Segment(
         name=spot.name,
@@ -101,21 +104,26 @@ def gap_of_bones(segment: Segment) -> float:
     return min(gaps, default=np.inf)
 
 
-def _check_reach(spot: str, skin: Surface, along: FloatArray, half: float, *, stump: bool) -> None:
+def _check_reach(
+    spot: str, skin: Surface, along: FloatArray, half: float, deep: float, *, stump: bool
+) -> None:
     """Refuse a segment in which the limb ends, or that has a cap for skin."""
     reach = skin.points_mm @ along
+    nearer, layers = float(min(-reach.min(), reach.max())), f" with layers of {deep:g} mm" if deep else ""
+    deep += 1.5 if deep else 0.0  # there the surface below a layer is round where the skin has an edge
     short = (reach.min() > -half, reach.max() < half)
-    if all(short) or (any(short) and not stump):
+    if all(short) or (nearer < half + deep and not stump):
+        fits = f" to {math.floor(2.0 * (nearer - deep))} mm (length)" if nearer > 2.0 * deep else ""
         raise MeshError(
             f"spot '{spot}': the scan reaches {-reach.min():.4g} mm and {reach.max():.4g} mm along the "
-            f"limb from it, and a segment of {2.0 * half:g} mm needs {half:g} mm on either side; it is too "
-            "near an end: shorten the segment, scan more of the limb, or say that the limb ends in skin "
-            "(stump = true)"
+            f"limb from it, and a segment of {2.0 * half:g} mm{layers} needs {half + deep:g} mm on either "
+            f"side; it is too near an end: shorten the segment{fits}, scan more of the limb, or say that the "
+            "limb ends in skin (stump = true)"
         )
     if skin.caps is None:
         return
     of_caps = reach[skin.faces[skin.caps]]
-    within = (of_caps.min(axis=1) < half) & (of_caps.max(axis=1) > -half)
+    within = (of_caps.min(axis=1) < half + deep) & (of_caps.max(axis=1) > -half - deep)
     if within.any():
         away = float(np.abs(of_caps[within]).min())
         place = np.round(skin.points_mm[skin.faces[skin.caps[within]]].mean(axis=(0, 1)), 1).tolist()

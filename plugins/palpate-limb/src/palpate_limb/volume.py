@@ -116,7 +116,8 @@ def _stretch(below: Surface, skin: Surface, near_mm: float) -> float:
 
 def _filled(segment: Segment, plan: MeshPlan) -> tuple[FloatArray, IntArray, Boundary]:
     """Points, tetrahedra and boundary of one region with elements of the sizes asked for."""
-    tissue = surface_of(solid(segment.tissue).simplify(plan.tolerance_mm), "tissue")
+    # Simplifying leaves fins as high as its tolerance, which the mesher flattens within its own.
+    tissue = surface_of(solid(segment.tissue).simplify(0.25 * plan.tolerance_mm), "tissue")
     points, tets = run_ftetwild(
         tissue.points_mm, tissue.faces, plan.size, plan.tolerance_mm, plan.time_limit_s
     )
