@@ -61,8 +61,7 @@ class ResidualLayout:
     @property
     def curve(self) -> IntArray:
         """Number (n,) of the curve that each residual is of; priors have one."""
-        curves: IntArray = np.unique(np.stack([self.spot, self.channel]), axis=1, return_inverse=True)[1]
-        return curves
+        return np.unique(np.stack([self.spot, self.channel]), axis=1, return_inverse=True)[1]
 
     def noise(self, channel: int, points: float) -> FloatArray:
         """Covariance (n, n) of noise of size 1 over the largest ordinate, correlated over so many points.
@@ -75,8 +74,7 @@ class ResidualLayout:
         apart = np.abs(self.point[:, None] - self.point)
         along = matern(apart / length) if length > 0.0 else (apart == 0.0).astype(np.float64)
         same = (self.spot[:, None] == self.spot) * self._both(channel)
-        covariance: FloatArray = same * along * np.outer(self.scale, self.scale)
-        return covariance
+        return same * along * np.outer(self.scale, self.scale)
 
     def discrepancy(self, channel: int, length: float, common: float = ASSUMED.common) -> FloatArray:
         """Covariance (n, n) of a discrepancy of size 1 over the largest ordinate in a channel.
@@ -85,8 +83,7 @@ class ResidualLayout:
         """
         along = matern(np.abs(self.path[:, None] - self.path) / length)
         same = np.where(self.site[:, None] == self.site, 1.0, common) * self._both(channel)
-        covariance: FloatArray = same * along * np.outer(self.envelope, self.envelope)
-        return covariance
+        return same * along * np.outer(self.envelope, self.envelope)
 
     def _both(self, channel: int) -> FloatArray:
         inside = (self.channel == channel).astype(np.float64)
@@ -96,8 +93,7 @@ class ResidualLayout:
 def matern(apart: FloatArray) -> FloatArray:
     """Correlation of a process with one derivative (Matérn, 3/2) at distances in correlation lengths."""
     scaled = np.sqrt(3.0) * apart
-    correlation: FloatArray = (1.0 + scaled) * np.exp(-scaled)
-    return correlation
+    return (1.0 + scaled) * np.exp(-scaled)
 
 
 def layout_of(
@@ -135,8 +131,7 @@ def groups_of(rows: ResidualLayout) -> FloatArray:
         number[inside] = last + np.arange(inside.size) // each
         last = int(number[inside].max()) + 1
     groups = (np.arange(last)[:, None] == number).astype(np.float64)
-    averaged: FloatArray = groups / np.sqrt(groups.sum(axis=1, keepdims=True))
-    return averaged
+    return groups / np.sqrt(groups.sum(axis=1, keepdims=True))
 
 
 def grouped(rows: ResidualLayout, groups: FloatArray) -> ResidualLayout:

@@ -40,8 +40,7 @@ class Pose:
 
     def into(self, points: FloatArray) -> FloatArray:
         """Points (n, 3) of the limb's frame, in the indenter's."""
-        inside: FloatArray = (points - self.tip) @ self.rotation
-        return inside
+        return (points - self.tip) @ self.rotation
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -444,8 +443,7 @@ def _face_stiffness(surface: ContactSurface, faces: IntArray, jacobians: FloatAr
     weighted = (surface.areas[faces][:, :, None, None] * jacobians).reshape(*jacobians.shape[:2], 9)
     pairs = (surface.values[:, :, None] * surface.values[:, None, :]).reshape(len(surface.values), n * n)
     blocks = (pairs.T @ weighted).reshape(-1, n, n, 3, 3)
-    stiffness: FloatArray = -blocks.transpose(0, 1, 3, 2, 4).reshape(-1, 3 * n, 3 * n)
-    return stiffness
+    return -blocks.transpose(0, 1, 3, 2, 4).reshape(-1, 3 * n, 3 * n)
 
 
 CONTACT = {"contact_radius_mm": "contact_radius_mm", "sticking_1": "sticking"}

@@ -115,8 +115,7 @@ def _rim(mesh: Mesh) -> IntArray:
     if not edges:
         return np.empty(0, dtype=np.int64)
     unique, counts = np.unique(np.sort(np.concatenate(edges), axis=1), axis=0, return_counts=True)
-    rim: IntArray = unique[counts == 1].ravel()
-    return rim
+    return unique[counts == 1].ravel()
 
 
 def _reach(protocol: Indentation, depth_mm: float, directions: FloatArray) -> FloatArray:

@@ -118,8 +118,7 @@ class InitialGuess:
         system[:m, :m] = gram + (1e-7 * np.trace(gram) / m + np.finfo(float).tiny) * np.eye(m)
         system[m, m] = 0.0
         rhs = np.append(spread @ missed.ravel(), 0.0)
-        solution: FloatArray = np.linalg.lstsq(system, rhs, rcond=None)[0][:m]
-        return solution
+        return np.linalg.lstsq(system, rhs, rcond=None)[0][:m]
 
 
 WarmStart = tuple[Mapping[str, FloatArray], float, NDArray[np.float32]]
@@ -172,8 +171,7 @@ def _interpolation(known: FloatArray, target: FloatArray) -> FloatArray:
     """
     m, d = known.shape
     if m < d + 2:
-        nearest: FloatArray = np.eye(m)[0]
-        return nearest
+        return np.eye(m)[0]
     distances = np.linalg.norm(known[:, None] - known[None], axis=2)
     plane = np.hstack([np.ones((m, 1)), known - target])
     system = np.block([[distances**3, plane], [plane.T, np.zeros((d + 1, d + 1))]])

@@ -331,5 +331,4 @@ def _least_stiffness(material: IsotropicMaterial, stretches: FloatArray, theta: 
     psi_i, psi_ij = (np.asarray(d) for d in principal_derivatives(material, stretches, theta))
     hessians = stretches[:, :, None] * stretches[:, None, :] * psi_ij
     hessians[:, range(3), range(3)] += stretches * psi_i
-    least: FloatArray = np.linalg.eigvalsh(np.nan_to_num(hessians, nan=-1.0))[:, 0]
-    return least
+    return np.linalg.eigvalsh(np.nan_to_num(hessians, nan=-1.0))[:, 0]

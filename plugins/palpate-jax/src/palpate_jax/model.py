@@ -152,8 +152,7 @@ class Model:
 
     def free(self, nodal: FloatArray) -> FloatArray:
         """Free unknowns (n,) of a nodal field (n_nodes, 3)."""
-        unknown: FloatArray = nodal.reshape(-1)[self._free]
-        return unknown
+        return nodal.reshape(-1)[self._free]
 
 
 @dataclass(frozen=True, eq=False)

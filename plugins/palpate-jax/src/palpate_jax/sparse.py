@@ -79,8 +79,7 @@ class Pattern:
     def places(self, group: int) -> IntArray:
         """Place (e, m, m) of each entry of a group in ``indices``, their number for a fixed one."""
         m = self._sizes[group]
-        places: IntArray = self._places[group].reshape(-1, m, m)
-        return places
+        return self._places[group].reshape(-1, m, m)
 
     def add(self, values: FloatArray, group: int, elements: IntArray, stiffnesses: FloatArray) -> None:
         """Add stiffnesses (e', m, m) of some elements of a group to values in the order of ``indices``."""

@@ -40,8 +40,7 @@ def other_columns(mesh: Any) -> tuple[str, ...]:  # noqa: ANN401 - a Trimesh
 
 def _ply(mesh: Any) -> Mapping[str, Any] | None:  # noqa: ANN401 - a Trimesh
     """Elements of a PLY as trimesh keeps them."""
-    found: Mapping[str, Any] | None = mesh.metadata.get("_ply_raw")
-    return found
+    return mesh.metadata.get("_ply_raw")
 
 
 def _of_ply(elements: Mapping[str, Any], mesh: Any) -> FloatArray | None:  # noqa: ANN401 - a Trimesh

@@ -242,16 +242,14 @@ def jump_after_stop_mm(series: "Series", channels: "ChannelMap") -> Iterator[Fou
 
 def off_unit(quaternions: FloatArray) -> FloatArray:
     """Deviation (n,) of the length of quaternions (n, 4) from 1."""
-    deviation: FloatArray = np.abs(np.sqrt(np.einsum("ij,ij->i", quaternions, quaternions)) - 1.0)
-    return deviation
+    return np.abs(np.sqrt(np.einsum("ij,ij->i", quaternions, quaternions)) - 1.0)
 
 
 def off_turn(rows: FloatArray) -> FloatArray:
     """Largest deviation (n,) of matrices, rows of nine numbers (n, 9), from right angles and unit length."""
     matrices = rows.reshape(-1, 3, 3)
     products = np.einsum("nij,nkj->nik", matrices, matrices)
-    deviation: FloatArray = np.abs(products - np.eye(3)).max(axis=(1, 2))
-    return deviation
+    return np.abs(products - np.eye(3)).max(axis=(1, 2))
 
 
 def off_unit_length(series: "Series", _: "ChannelMap") -> Iterator[Found]:

@@ -98,8 +98,7 @@ def _push(force: FloatArray, contact: "ContactRows") -> FloatArray:
     """Median force (3,) while the tool presses hardest, above the one before."""
     pressed = force[contact.rows] - force[: max(contact.first // 2, 1)].mean(axis=0)
     size = np.linalg.norm(pressed, axis=1)
-    push: FloatArray = np.median(pressed[size > 0.8 * np.median(size)], axis=0)
-    return push
+    return np.median(pressed[size > 0.8 * np.median(size)], axis=0)
 
 
 def other_side_deg(recording: Recording, contact: "ContactRows", normal: "Normal") -> Iterator[Found]:

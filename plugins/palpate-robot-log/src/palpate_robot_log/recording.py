@@ -131,8 +131,7 @@ def correlation_factor(residual: FloatArray) -> float:
 def rotated(quaternion: FloatArray, vectors: FloatArray, *, inverse: bool = False) -> FloatArray:
     """Vectors (n, 3) or (3,) of the tool's frame in the base frame, or the inverse: shape (n, 3)."""
     # SciPy takes no read-only arrays.
-    turned: FloatArray = Rotation.from_quat(np.array(quaternion)).apply(np.array(vectors), inverse=inverse)
-    return turned
+    return Rotation.from_quat(np.array(quaternion)).apply(np.array(vectors), inverse=inverse)
 
 
 def gravity_in_sensor(recording: Recording, direction: FloatArray) -> FloatArray:
@@ -154,15 +153,13 @@ def continuous(quaternion: FloatArray) -> FloatArray:
     if not flips.any():
         return quaternion
     signs = np.where(np.cumsum(np.concatenate([[False], flips])) % 2, -1.0, 1.0)
-    signed: FloatArray = quaternion * signs[:, None]
-    return signed
+    return quaternion * signs[:, None]
 
 
 def mean_orientation(quaternion: FloatArray) -> FloatArray:
     """Normalised mean (4,) of orientations (n, 4) that are close together."""
     mean = continuous(quaternion).mean(axis=0)
-    unit: FloatArray = mean / np.linalg.norm(mean)
-    return unit
+    return mean / np.linalg.norm(mean)
 
 
 def turn_and_tilt(

@@ -54,5 +54,4 @@ def smoothed(values: FloatArray, points_mm: FloatArray, triangles: IntArray) -> 
     nodes, n = triangles.ravel(), len(values)
     totals = np.bincount(nodes, np.repeat(areas * values[triangles].mean(axis=1), 3), n)
     around = np.bincount(nodes, np.repeat(areas, 3), n)
-    found: FloatArray = np.divide(totals, around, out=values.astype(float), where=around > 0.0)
-    return found
+    return np.divide(totals, around, out=values.astype(float), where=around > 0.0)

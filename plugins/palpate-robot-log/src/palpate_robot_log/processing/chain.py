@@ -197,8 +197,7 @@ def free_rows(
 
 def _oriented_alike(motion: ToolMotion) -> np.ndarray:
     """Whether the tool is oriented in each row as when the press begins."""
-    alike: np.ndarray = np.hypot(motion.turn_deg, motion.tilt_deg) < 2.0
-    return alike
+    return np.hypot(motion.turn_deg, motion.tilt_deg) < 2.0
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)

@@ -88,8 +88,7 @@ def _steepness(abscissa: FloatArray, ordinate: FloatArray) -> FloatArray:
     grid = np.linspace(abscissa[0], abscissa[-1], min(31, abscissa.size))
     rising = np.concatenate([[True], np.diff(abscissa) > 0.0])
     slope = np.gradient(np.interp(grid, abscissa[rising], ordinate[rising]), grid)
-    steepness: FloatArray = np.interp(abscissa, grid, np.abs(slope))
-    return steepness
+    return np.interp(abscissa, grid, np.abs(slope))
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)

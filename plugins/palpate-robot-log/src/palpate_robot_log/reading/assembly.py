@@ -290,16 +290,14 @@ def quaternions(form: str, values: FloatArray, sequence: str = "xyz") -> FloatAr
     A sequence of Euler angles in small letters is about fixed axes.
     """
     if form == "quaternion":
-        unit: FloatArray = values / np.sqrt(np.einsum("ij,ij->i", values, values))[:, None]
-        return unit
+        return values / np.sqrt(np.einsum("ij,ij->i", values, values))[:, None]
     if form == "euler":
         rotation = Rotation.from_euler(sequence, values)
     elif form == "axis_angle":
         rotation = Rotation.from_rotvec(values)
     else:
         rotation = Rotation.from_matrix(values.reshape(-1, 3, 3))
-    q: FloatArray = rotation.as_quat()
-    return q
+    return rotation.as_quat()
 
 
 def _overlap(kept: Series, others: Sequence[Series]) -> slice:
@@ -386,5 +384,4 @@ def _rates(series: Series, values: FloatArray) -> FloatArray:
     duration = min(float(series.time_s[-1] - series.time_s[0]), 3600.0)
     grid = series.time_s[0] + np.arange(0.0, duration, _STEP_S)
     smooth = gaussian_filter1d(np.interp(grid, series.time_s, values), 5.0, order=1)
-    rates: FloatArray = np.abs(smooth)
-    return rates
+    return np.abs(smooth)

@@ -356,14 +356,12 @@ def repeats_time(stream: Stream) -> bool:
 def complete_rows(columns: Iterable[Column]) -> FloatArray:
     """Values (n, k) of k columns in the rows where all have one."""
     table = np.column_stack([column.values for column in columns])
-    complete: FloatArray = table[np.isfinite(table).all(axis=1)]
-    return complete
+    return table[np.isfinite(table).all(axis=1)]
 
 
 def rest_of(values: FloatArray) -> FloatArray:
     """Median (k,) of the first hundredth of some rows (n, k), at least five: of a force in free air."""
-    rest: FloatArray = np.median(values[: max(len(values) // 100, 5)], axis=0)
-    return rest
+    return np.median(values[: max(len(values) // 100, 5)], axis=0)
 
 
 def pressed_rows(push: FloatArray) -> tuple[int, int]:
