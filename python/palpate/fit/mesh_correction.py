@@ -17,7 +17,7 @@ import numpy as np
 
 from palpate.domain import COMPLIANCE, FloatArray, Indentation, Response, Simulation, channel_of
 from palpate.fit.running import Fit
-from palpate.fit.spot_term import Correction, NotRankedError, SpotTerm, pieces
+from palpate.fit.spot_term import Correction, SpotTerm, pieces
 from palpate.plugins.parametrisation import SpotInputs
 
 NEAR = 2.0
@@ -204,6 +204,3 @@ class EndSlopes:
         """Largest shift of a parameter, over its standard deviation, by errors (k, n) of unknown signs."""
         shifts = np.abs(errors @ self.gain.T).sum(axis=0)
         return float((shifts / self.sd).max())
-
-
-__all__ = ["MOVED_ERROR", "NEAR", "EndSlopes", "FineRun", "NotRankedError", "errors_of", "fine_run"]

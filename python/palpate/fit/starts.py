@@ -81,10 +81,8 @@ def scaled_start(problem: Problem, start: FloatArray) -> FloatArray:
         return start
     is_modulus = np.array([p.kind == "modulus" for p in problem.parameters])
     values = problem.box.values(start)
-    scaled = on_grid(
-        problem.box.point(np.where(is_modulus, scale * values, values)),
-        problem.study.solver.provides.accuracy,
-    )
+    accuracy = problem.study.solver.provides.accuracy
+    scaled = on_grid(problem.box.point(np.where(is_modulus, scale * values, values)), accuracy)
     # As a search asks for it, so that it costs nothing more.
     (found,) = problem.evaluate([Trial(point=scaled, slopes=problem.study.solver.provides.slopes)])
     return start if found.residuals is None else scaled
