@@ -77,6 +77,32 @@ def test_two_units_of_one_name_in_the_head_are_none(tmp_path: Path) -> None:
     assert "force spans 9.051e+04 and shows no unit" in proposed(tmp_path / "t.csv")[1]
 
 
+@pytest.mark.parametrize("sep", [",", " "])
+@pytest.mark.parametrize("remark", ["radius{}mm", "sensor:{}kN", "Max.{}5{}N"])
+def test_a_unit_next_to_a_word_in_a_comment_is_of_no_column(remark: str, sep: str, tmp_path: Path) -> None:
+    names = ["depth [mm]", "force"] if remark.count("{}") == 1 else ["t [s]", "depth [mm]", "force"]
+    lines = rows(*[SECONDS, DEPTH, FORCE][-len(names) :], between=sep)
+    head = sep.join(name.replace(" ", "") for name in names)
+    (tmp_path / "t.txt").write_text("\n".join([f"# {remark.replace('{}', sep)}", head, *lines]))
+    shown = [row[1:3] for row in inspect_log(tmp_path / "t.txt").tables[0].rows]
+    assert ("depth[mm]", "mm") in shown
+    assert ("force", "?") in shown
+
+
+def test_units_in_a_comment_leave_those_of_names(tmp_path: Path) -> None:
+    (tmp_path / "t.csv").write_bytes(of_text("# m, N\ndepth_mm,force", DEPTH, FORCE))
+    curves, problem = proposed(tmp_path / "t.csv")
+    assert curves is not None, problem
+    assert curves["force"].abscissa.max() == pytest.approx(8.0)
+
+
+@pytest.mark.parametrize("names", ["s,F", "d,N"])
+def test_names_in_a_comment_may_be_letters_of_units(names: str, tmp_path: Path) -> None:
+    (tmp_path / "t.csv").write_bytes(of_text(f"# {names}", DEPTH, FORCE))
+    shown = [row[1] for row in inspect_log(tmp_path / "t.csv").tables[0].rows]
+    assert shown == names.split(",")
+
+
 def test_yaml_is_named(tmp_path: Path) -> None:
     (tmp_path / "t.yaml").write_text("depth: [0.1, 0.2]\nforce: [1, 2]\n")
     with pytest.raises(CurveError, match="YAML is not read; save its fields as JSON"):

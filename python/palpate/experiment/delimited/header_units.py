@@ -145,11 +145,11 @@ def bare_unit(cell: str) -> str:
     return "" if bare in {"-", "--", "1"} else bare
 
 
-def is_units_line(cells: Sequence[str]) -> bool:
-    """Whether most cells of a line are units, as some loggers write them under the names."""
+def is_units_line(cells: Sequence[str], share: float = 0.5) -> bool:
+    """Whether a share of the filled cells of a line are units, as some loggers write them under the names."""
     filled = [cell for cell in cells if bare_unit(cell)]
     known = [c for c in filled if is_believed(c) or (bare_unit(c) != c and kind_of(bare_unit(c)))]
-    return 0 < len(filled) <= 2 * len(known) and all(len(cell) <= _LONGEST_UNIT for cell in filled)
+    return 0 < share * len(filled) <= len(known) and all(len(cell) <= _LONGEST_UNIT for cell in filled)
 
 
 def stated_units(head: str, names: Sequence[str]) -> list[str]:

@@ -267,15 +267,16 @@ def find_layout(source: str, lines: "pl.DataFrame", wanted: TextFormat) -> Layou
     between = None if delimiter == BLANKS else delimiter
     parted = ([cell.strip(' "') for cell in line.split(between)] for line in above if line)
     labels = {label.lower(): cells for label, *cells in parted}
-    commented = (line.lstrip(f"{comment} ") for line in above if comment and line.startswith(comment))
-    remarks = _rows(found, delimiter) if (found := [*filter(None, commented)]) else []
-    under = [cells for cells in remarks if len(cells) == len(names)]
-    under += rows[max(below - 1, 0) if header is None else header + 1 : below]
+    remarks = [line.lstrip(f"{comment} ") for line in above if comment and line.startswith(comment)]
+    found = _rows(remarks, delimiter) if any(remarks) else []
+    # All of its cells: "radius, mm" is a remark, and no units of two columns.
+    commented = [cells for cells in found if len(cells) == len(names) and is_units_line(cells, share=1.0)]
+    under = rows[max(below - 1, 0) if header is None else header + 1 : below]
     if measured := [cells for cells in under if is_units_line(cells)]:
         units = [bare_unit(cell) for cell in measured[-1]]
     else:  # a name's own unit counts first: LabVIEW labels what nobody has set with volts
         labelled = (["", *labels[label]] for label in reversed(labels) if label in _UNIT_LABELS)
-        stated = over if is_units_line(over) else stated_units("\n".join(above), names)
+        stated = over if is_units_line(over) else [stated_units("\n".join(above), names), *commented][-1]
         given = zip(names, next(labelled, stated), strict=False)
         units = ["" if unit_in(name)[1] else bare_unit(cell) for name, cell in given]
     kinds_of = _kinds(len(names), sampled, decimal)
@@ -306,9 +307,8 @@ def _preamble(source: str, lines: "pl.DataFrame", wanted: TextFormat) -> int:
         window = window.filter(window["text"].str.len_bytes() <= _LONGEST_LINE)
         if not (body := body_of(window, _comment_of(window["text"].to_list()))).is_empty():
             delimiter, decimal = _marks(source, body.tail(_SAMPLED_LINES), wanted)
-            kinds = [
-                [kind_of_cell(cell, decimal) for cell in cells] for cells in _rows(body["text"], delimiter)
-            ]
+            rows = _rows(body["text"], delimiter)
+            kinds = [[kind_of_cell(cell, decimal) for cell in cells] for cells in rows]
             if _first_row(kinds) < len(kinds):
                 return after
     return 0
@@ -479,7 +479,7 @@ def _names_in_comment(lines: Sequence[str], comment: str, delimiter: str, width:
     for line, between in product(filter(None, bare), (delimiter, *DELIMITERS.values())):
         names = _names(line, between, width)
         are_words = not any(kind_of_cell(name, ".") == "number" for name in names)
-        if len(names) == width > 0 and are_words and not is_units_line(names):
+        if len(names) == width > 0 and are_words and not is_units_line(names, share=1.0):
             return names
     return []
 
