@@ -103,6 +103,27 @@ def test_names_in_a_comment_may_be_letters_of_units(names: str, tmp_path: Path) 
     assert shown == names.split(",")
 
 
+@pytest.mark.parametrize(
+    "content",
+    [
+        {"tags": [], "depth_mm": DEPTH.tolist(), "force_N": FORCE.tolist()},
+        {"head": {}, "depth_mm": DEPTH.tolist(), "force_N": FORCE.tolist()},
+        {
+            "rows": [
+                {"name": "press 1", "depth_mm": depth, "force_N": force}
+                for depth, force in zip(DEPTH.tolist(), FORCE.tolist(), strict=True)
+            ]
+        },
+    ],
+    ids=["an empty list", "an empty object", "rows of one name"],
+)
+def test_what_describes_no_column_leaves_the_columns(content: object, tmp_path: Path) -> None:
+    (tmp_path / "t.json").write_bytes(of_json(content))
+    curves, problem = proposed(tmp_path / "t.json")
+    assert curves is not None, problem
+    assert curves["force"].abscissa.size == DEPTH.size
+
+
 def test_yaml_is_named(tmp_path: Path) -> None:
     (tmp_path / "t.yaml").write_text("depth: [0.1, 0.2]\nforce: [1, 2]\n")
     with pytest.raises(CurveError, match="YAML is not read; save its fields as JSON"):

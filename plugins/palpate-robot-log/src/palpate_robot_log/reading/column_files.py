@@ -278,7 +278,7 @@ def read_json(path: Path) -> RawLog:
         rows, head = loaded, dict[str, Any]()
         if isinstance(loaded, dict):
             head = dict(_fields(loaded))
-            tables = [name for name, of in head.items() if isinstance(of, list) and isinstance(of[0], dict)]
+            tables = [k for k, of in head.items() if isinstance(of, list) and of and isinstance(of[0], dict)]
             rows = head.pop(tables[0]) if len(tables) == 1 else None
         elif len(loaded) > 1 and {*loaded[0]}.isdisjoint(loaded[1]):
             head = dict(_fields(loaded.pop(0)))
@@ -298,12 +298,19 @@ def _is_matrix(value: object) -> bool:
     return isinstance(value, list) and bool(value) and isinstance(value[0], list)
 
 
+def _by_name(value: object) -> dict[str, Any]:
+    """Objects of a list by their names; empty where not each has a name of its own."""
+    rows = value if isinstance(value, list) else []
+    named = {row["name"]: row for row in rows if isinstance(row, dict) and isinstance(row.get("name"), str)}
+    return named if len(named) == len(rows) else {}
+
+
 def _fields(value: Mapping[str, Any], prefix: str = "") -> Iterator[tuple[str, Any]]:
     """Fields of an object and of those in it, by their path: a list of named objects is an object of them."""
     for name, of in value.items():
-        if isinstance(of, list) and of and all(isinstance(each, dict) and "name" in each for each in of):
-            yield from _fields({each["name"]: each for each in of}, prefix)
-        elif isinstance(of, dict) and [*of] == [*map(str, range(len(of)))]:  # a column of pandas
+        if named := _by_name(of):
+            yield from _fields(named, prefix)
+        elif isinstance(of, dict) and of and [*of] == [*map(str, range(len(of)))]:  # a column of pandas
             yield f"{prefix}{name}", [*of.values()]
         elif isinstance(of, dict):
             yield from _fields(of, f"{prefix}{name}.")
