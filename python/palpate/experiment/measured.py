@@ -224,6 +224,7 @@ def _check_response(
             found += check_curve(curve, channels[name])
         if isinstance(protocol, Indentation):
             found += check_sizes(response, channels, protocol, study.space)
+            found += _deeper(response, channels, protocol)
     except PluginError:
         raise  # a material that fails is no fault of the file
     except PalpateError as error:
@@ -350,6 +351,20 @@ def _as_measured(curve: Curve, abscissa: str, asked: FloatArray, slack: float) -
         f"the curve goes {most:.3g} mm deep and [protocol] says {depth_mm:g} mm: "
         f'write depth = "{shown_mm:.4g} mm" there'
     )
+
+
+def _deeper(response: Response, channels: Mapping[str, Channel], protocol: Indentation) -> Iterator[str]:
+    """Sentences on a press that goes deeper than the protocol, at whose depth its twist is simulated."""
+    asked = protocol.path[:, 0]
+    depth_mm, is_twisted = float(asked.max()), any(channels[c].abscissa == "rotation_deg" for c in response)
+    for name, curve in response.curves.items():
+        is_deeper = channels[name].abscissa == POSE[0] and curve.abscissa.max() > depth_mm / COVERED_SHARE
+        if (
+            is_deeper
+            and is_twisted
+            and (remedy := _as_measured(curve, POSE[0], asked, (1.0 - COVERED_SHARE) * depth_mm))
+        ):
+            yield f"{remedy}, since the twist is simulated at that depth"
 
 
 def _departures(

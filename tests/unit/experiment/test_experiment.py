@@ -155,6 +155,17 @@ def test_a_file_that_does_not_cover_the_protocol_is_named(make_study, plugins):
         load_measured(make_study(protocol=deeper), plugins.channels)
 
 
+@pytest.mark.parametrize(("depth_mm", "is_named"), [(10.0, False), (9.85, False), (9.6, True)])
+def test_a_twisted_press_that_goes_deeper_than_the_protocol_is_named(make_study, plugins, depth_mm, is_named):
+    path = [(0, 0), *((depth_mm, turn) for turn in (0, -22.5, 22.5, 0))]
+    measured = load_measured(make_study(protocol=replace(PROTOCOL, path=path)), plugins.channels)
+    text = (
+        f"the curve goes 10 mm deep and [protocol] says {depth_mm:g} mm: "
+        'write depth = "10 mm" there, since the twist is simulated at that depth'
+    )
+    assert any(text in warning for warning in measured_warnings(measured)) == is_named
+
+
 def test_the_whole_path_is_covered(plugins):
     check_covers(force([0.05, 5.0, 9.95]), plugins.channels["force"], PROTOCOL, 0.95)
     check_covers(torque(TWIST), plugins.channels["torque"], PROTOCOL, 0.95)
