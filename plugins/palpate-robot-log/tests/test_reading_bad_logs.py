@@ -281,6 +281,15 @@ def test_a_time_is_no_counter_and_a_counter_has_a_rate() -> None:
         reading(table, time="frame")
 
 
+def test_a_counter_may_have_empty_cells_and_a_unit() -> None:
+    table = {**write.press(), "frame [counts]": np.arange(240.0)}
+    by_rows = {"column": "frame [counts]", "rate": "200 Hz"}
+    assert reading(table, time=by_rows).recording.time_s[-1] == pytest.approx(239 / 200)
+    table["frame [counts]"][20] = np.nan
+    with pytest.raises(CurveError, match=r"line 22 .*column 'frame \[counts\]': no value"):
+        reading(table, time=by_rows)
+
+
 def test_a_column_is_one_axis_alone() -> None:
     with pytest.raises(ValueError, match="'fx_N' is named twice; give x, y and z their own columns"):
         reading(write.press(), force={"columns": ["fx_N", "-fx_N", "fz_N"]})

@@ -245,7 +245,7 @@ def seconds_of(
     column, factor, unit = stream.column(time.column), 1.0 / (time.rate or 1.0), "rows"
     if time.rate is None:
         factor, unit = _factor(log, column, time.unit, "time", header_units=header_units)
-    elif column.shown_unit or np.any(column.values % 1.0):
+    elif (header_units and kind_of(column.shown_unit) == "time") or (column.values % 1.0 > 0.0).any():
         raise CurveError(f"{log.source}: column '{column.name}' counts no rows; leave its rate out")
     values = column.values if factor == 1.0 else factor * column.values
     if time.nanoseconds is not None:
