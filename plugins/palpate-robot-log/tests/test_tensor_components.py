@@ -45,6 +45,20 @@ def test_a_component_of_a_tensor_has_the_measure_of_its_letters(
         assert (found.abscissa.max(), found.ordinate.max()) == pytest.approx((1.2, 0.012), rel=1e-4)
 
 
+@pytest.mark.parametrize("names", ["LE12,S12 (MPa)", "NE23,S23 (MPa)", "Exy,nominal stress Sxy (MPa)"])
+def test_a_shear_component_is_no_pull(names: str, tmp_path: Path) -> None:
+    (tmp_path / "t.csv").write_bytes(of_text(names, STRAIN, STRESS_KPA))
+    curves, problem = proposed(tmp_path / "t.csv")
+    assert curves is None or "uniaxial" not in curves, problem
+
+
+def test_a_measure_in_the_name_comes_before_that_of_a_program(tmp_path: Path) -> None:
+    (tmp_path / "t.csv").write_bytes(of_text("NE11,nominal stress S11 (kPa)", STRAIN, STRESS_KPA))
+    curves, problem = proposed(tmp_path / "t.csv")
+    assert curves is not None, problem
+    assert curves["uniaxial"].ordinate.max() == pytest.approx(1e-3 * STRESS_KPA.max(), rel=1e-4)
+
+
 def test_a_stretch_below_a_half_is_pushed_or_asked_about(tmp_path: Path) -> None:
     stretch = np.linspace(0.45, 0.2, 41)
     stress = 10.0 * (stretch - stretch**-2)

@@ -271,7 +271,7 @@ def _measures_of(
         questions.append(f"{strain.name}: nominal, logarithmic or Green-Lagrange strain? {ask}")
     if "kirchhoff" in of and "piola" not in of:  # Kirchhoff's stress is J σ, and J is 1
         kind = kind or ["true"]
-    kind = ["true"] if {"abaqus"} & along and {"s", "component"} <= of else kind
+    kind = kind or (["true"] if {"abaqus"} & along and {"s", "component"} <= of else [])
     is_open = {"component"} & of or {*ROLES["stress"].words}.isdisjoint(map(_simple, of))
     if {"piola"} & of and not kind:
         questions.append(f'{stress.name}: first or second Piola-Kirchhoff? write stress = "nominal" or "pk2"')
