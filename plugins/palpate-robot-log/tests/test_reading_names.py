@@ -483,8 +483,6 @@ def test_a_homogeneous_test_leads_to_a_study_without_a_mesh(call: Any, tmp_path:
     assert study["selection"] == {"scenarios": ["test"]}
     assert study["experiment"]["settings"]["channels"]["uniaxial"]["stress"] == "true"
     assert call("check", "rubber", plugin=None).code == 0
-    two = call("init", "two", "--measured", "pull.csv", "--measured", "pull.csv", plugin=None)
-    assert "give one homogeneous test" in two.err
     (tmp_path / "limb.vtu").write_text("never read")
     with_mesh = call("init", "b", "--measured", "pull.csv", "--mesh", "limb.vtu", plugin=None)
     assert "needs no mesh; leave --mesh out" in with_mesh.err.replace("\n", " ")
