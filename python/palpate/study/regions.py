@@ -290,10 +290,10 @@ def display_units(tables: Mapping[str, RegionTable], space: ParameterSpace) -> d
     shown = [name for name in own if name in {*space.names, *space.ties}]
     alike = [name for name in shown if own[name].unit == own[space.root(name)].unit]
     written = {name: _written_unit(tables, space.root(name)) for name in alike}
-    written = {name: unit for name, unit in written.items() if unit not in ("", own[name].unit)}
     moduli = [name for name in shown if own[name].kind == "modulus"]
-    first = next((name for name in moduli if name in written), None)
-    return written | (dict.fromkeys(moduli, written[first]) if first else {})
+    first = next((written[name] for name in moduli if written.get(name)), "")
+    units = written | (dict.fromkeys(moduli, first) if first else {})
+    return {name: unit for name, unit in units.items() if unit not in ("", own[name].unit)}
 
 
 def _written_unit(tables: Mapping[str, RegionTable], name: str) -> str:

@@ -54,6 +54,12 @@ def test_every_modulus_has_the_unit_of_the_first(read):
     assert read(skin=skin).units == {"rubber.k": "kPa", "skin.k": "kPa"}
 
 
+def test_the_unit_of_the_first_modulus_may_be_that_of_its_material(read):
+    rubber = 'k = { lower = "1 MPa", upper = "3 MPa" }\na = 0.5\n'
+    skin = 'k = { lower = "100 kPa", upper = "500 kPa" }\na = 0.5\n'
+    assert read(rubber, skin=skin).units == {}
+
+
 def test_a_tied_parameter_has_the_written_unit_of_what_it_follows(read):
     assert read(skin='k = "0.3 * rubber.k"\na = 0.5\n').units == {"rubber.k": "kPa", "skin.k": "kPa"}
     ratio = 'k = { lower = "0.1 * rubber.k", upper = "0.5 * rubber.k" }\na = "0.1 MPa^-1 * k"\n'
