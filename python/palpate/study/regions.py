@@ -284,7 +284,7 @@ def _every(space: ParameterSpace) -> dict[str, Parameter]:
 def display_units(tables: Mapping[str, RegionTable], space: ParameterSpace) -> dict[str, str]:
     """Units in which ranges are written, by full name, where they are not the material's.
 
-    What is tied to a parameter of the same unit has its unit, and every modulus the unit of the first.
+    A parameter tied to one of the same unit has its unit, and every modulus has the unit of the first.
     """
     own = {r.name_of(p.name): p for r in space.regions for p in r.material.parameters}
     shown = [name for name in own if name in {*space.names, *space.ties}]

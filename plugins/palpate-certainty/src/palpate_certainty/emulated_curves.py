@@ -230,7 +230,7 @@ class EmulatedProblem:
         return (self.white(values, ordinates) ** 2).sum(axis=1)
 
     def unknown(self, values: FloatArray) -> FloatArray:
-        """Variance (k,) of what the emulator does not know at values (k, n_parameters), as a part of Fopt."""
+        """Variance (k,) of the emulated curves at values (k, n_parameters), as a part of Fopt."""
         assert self.emulated is not None
         variance, found = self.emulated.variance(values), np.zeros(len(values))
         for term, name, _, scale in pieces(self.problem.terms):

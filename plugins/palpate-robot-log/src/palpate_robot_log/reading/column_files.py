@@ -325,7 +325,7 @@ def _of_frame(
     others: Sequence[str],
     described: Mapping[str, np.ndarray] = MappingProxyType({}),
 ) -> RawLog:
-    """Log of a frame's columns, by what describes them; ``others`` are columns that hold no numbers."""
+    """Log of a frame's columns with arrays that describe them; ``others`` are columns without numbers."""
     import polars as pl
 
     if frame.height < 2 or not frame.width:
