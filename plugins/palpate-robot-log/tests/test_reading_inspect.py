@@ -238,7 +238,7 @@ def test_curves_that_are_processed_already_are_for_the_loader_csv(
 ) -> None:
     path, cell = tmp_path / "curves.csv", ";" if ";" in header else ","
     width = header.count(cell) + 1
-    path.write_text("\n".join([header, *(cell.join([str(k * k)] * width) for k in range(30))]) + "\n")
+    path.write_text("\n".join([header, *(cell.join([str(k * k / 1000)] * width) for k in range(30))]) + "\n")
     found = inspect_log(path)
     assert any("processed curves and no log" in finding for finding in found.findings)
     table = tomllib.loads(found.study_text)["experiment"]
@@ -277,8 +277,8 @@ def test_a_log_with_a_column_of_depth_stays_a_log(tmp_path: Path) -> None:
 def test_a_homogeneous_test_is_for_the_loader_csv(
     tmp_path: Path, header: str, settings: dict[str, Any]
 ) -> None:
-    path = tmp_path / "pull.csv"
-    path.write_text(header + "\n" + "".join(f"{1 + k / 10},{k}\n" for k in range(30)))
+    path, at_rest = tmp_path / "pull.csv", int(header.startswith("stretch"))
+    path.write_text(header + "\n" + "".join(f"{at_rest + k / 10},{k}\n" for k in range(30)))
     found = inspect_log(path)
     assert 'measured = { uniaxial = "pull.csv" }' in found.study_text
     table = tomllib.loads(found.study_text)["experiment"]
