@@ -61,7 +61,7 @@ class Provides:
     Raises
     ------
     PluginError
-        There is no such body or part of a motion.
+        There is no such body, part of a motion, or accuracy.
     """
 
     body: Literal["mesh", "layers", "specimen"] = "mesh"
@@ -84,6 +84,8 @@ class Provides:
             raise PluginError(f"a solver provides no body '{self.body}' (known: {', '.join(BODIES)})")
         if unknown := [part for part in self.motions if part not in MOVES]:
             raise PluginError(f"a motion has no part '{unknown[0]}' (known: {', '.join(MOVES)})")
+        if not 0.0 < self.accuracy < 1.0:
+            raise PluginError(f"a solver's accuracy is between 0 and 1, not {self.accuracy:g}")
 
     @property
     def mesh(self) -> bool:

@@ -61,6 +61,12 @@ def test_a_body_or_a_part_of_a_motion_that_does_not_exist_is_refused():
         Provides(motions=("depth", "twist"))
 
 
+@pytest.mark.parametrize("accuracy", [0.0, float("nan"), 1.0])
+def test_an_accuracy_that_no_solver_has_is_refused(accuracy):
+    with pytest.raises(PluginError, match="accuracy is between 0 and 1"):
+        Provides(accuracy=accuracy)
+
+
 def test_every_part_of_a_motion_has_its_name():
     assert press(waypoints=Waypoints(pose=MOVED, loads=LOADS)).moves == MOVES
 
