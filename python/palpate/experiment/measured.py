@@ -355,15 +355,14 @@ def _as_measured(curve: Curve, abscissa: str, asked: FloatArray, slack: float) -
 
 def _deeper(response: Response, channels: Mapping[str, Channel], protocol: Indentation) -> Iterator[str]:
     """Sentences on a press that goes deeper than the protocol, at whose depth its twist is simulated."""
+    if not any(channels[name].abscissa == "rotation_deg" for name in response):
+        return
     asked = protocol.path[:, 0]
-    depth_mm, is_twisted = float(asked.max()), any(channels[c].abscissa == "rotation_deg" for c in response)
+    depth_mm = float(asked.max())
     for name, curve in response.curves.items():
-        is_deeper = channels[name].abscissa == POSE[0] and curve.abscissa.max() > depth_mm / COVERED_SHARE
-        if (
-            is_deeper
-            and is_twisted
-            and (remedy := _as_measured(curve, POSE[0], asked, (1.0 - COVERED_SHARE) * depth_mm))
-        ):
+        if channels[name].abscissa != POSE[0] or curve.abscissa.max() <= depth_mm / COVERED_SHARE:
+            continue
+        if remedy := _as_measured(curve, POSE[0], asked, (1.0 - COVERED_SHARE) * depth_mm):
             yield f"{remedy}, since the twist is simulated at that depth"
 
 

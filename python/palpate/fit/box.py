@@ -76,4 +76,4 @@ def on_grid(point: FloatArray, accuracy: float) -> FloatArray:
     the grid, whose simulations are kept.
     """
     spacing = 2.0 ** np.floor(np.log2(1e-3 * accuracy))
-    return np.asarray(np.round(point / spacing) * spacing)
+    return np.round(point / spacing) * spacing
