@@ -246,22 +246,26 @@ def _at(site):
     return FisherInformation.of(slopes, {f"spots: a.0 {site}": 0.05 * slopes[:, :1]})
 
 
-def test_degrees_of_freedom_follow_the_places_that_are_planned():
-    """A mean of n places that differ has n - 1; a press that is repeated at a place adds none."""
-    presses = [_at("p1"), _at("p2")]
-    so_far = [SimpleNamespace(at=[SimpleNamespace(information=each)]) for each in presses]
+@pytest.fixture
+def plan():
+    """Plan of presses at two places that differ."""
+    so_far = [SimpleNamespace(at=[SimpleNamespace(information=_at(site))]) for site in ("p1", "p2")]
     parameters = tuple(
         Parameter(name=f"a.{i}", unit="", lower=0.0, upper=1.0, kind="shape", description="") for i in "01"
     )
     goal = Goal(name="a.0", parameters=parameters, values=np.full(2, 0.5))
     known = FisherInformation.of(np.zeros((1, 2)), {"prior": np.zeros((1, 0))})
-    plan = Plan(so_far, goal, known, 1, ErrorSizes(noise={}, discrepancy={}, freedom=9.0))
-    again, further = (
-        SimpleNamespace(
-            press=SimpleNamespace(name=site), at=[SimpleNamespace(information=_at(site))], peaks={}
-        )
-        for site in ("p2", "p3")
-    )
+    return Plan(so_far, goal, known, 1, ErrorSizes(noise={}, discrepancy={}, freedom=9.0))
+
+
+def _press_at(site):
+    at = [SimpleNamespace(information=_at(site))]
+    return SimpleNamespace(press=SimpleNamespace(name=site), at=at, peaks={})
+
+
+def test_degrees_of_freedom_follow_the_places_that_are_planned(plan):
+    """A mean of n places that differ has n - 1; a press that is repeated at a place adds none."""
+    again, further = map(_press_at, ("p2", "p3"))
     first, second = plan.ranked([again, further])
     assert first.press is further
     assert second.error.freedom == pytest.approx(plan.error.freedom, rel=0.1)
@@ -269,6 +273,18 @@ def test_degrees_of_freedom_follow_the_places_that_are_planned():
     raw = first.error.covariance[0, 0] / plan.error.covariance[0, 0]
     student = stats.t.ppf(0.975, first.error.freedom) / stats.t.ppf(0.975, plan.error.freedom)
     assert first.widths[0] == pytest.approx(student * np.sqrt(raw), rel=0.1)
+
+
+@pytest.mark.parametrize(("sites", "n"), [((), 2), (("p3",), 3), (("p3", "p4"), 4)])
+def test_planned_widths_are_those_of_simulated_places(plan, sites, n):
+    """Half the interval of a mean of n normal values is t(n - 1) s / sqrt(n), by their own spread s."""
+    own = np.random.default_rng(n).normal(size=(20_000, n))
+    now, then = own[:, :2].std(axis=1, ddof=1), own.std(axis=1, ddof=1)
+    realised = stats.t.ppf(0.975, n - 1.0) * then / np.sqrt(n)
+    for site in sites:
+        plan.add(_press_at(site))
+    planned = stats.norm.ppf(0.975) * plan.error.sds[0] / 0.05 * now
+    assert np.sqrt(np.mean(planned**2)) == pytest.approx(np.sqrt(np.mean(realised**2)), rel=0.05)
 
 
 def test_scale_of_errors_is_better_known_by_more_presses():
