@@ -5,13 +5,17 @@ from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
+import polars as pl
 import pytest
 
 from palpate.api import Indentation
+from palpate.api.report import rounded
 from palpate.domain.indenter import Sphere
 from palpate.fit.least_squares import LeastSquares
 from palpate_report.answer.methods import methods, references
 from palpate_report.from_run import write_report
+
+from .fits import with_tables
 
 ROOT = Path(__file__).parents[3]
 
@@ -53,6 +57,21 @@ def test_the_intervals_name_their_causes_and_what_they_leave_out(fitted):
     text = methods(fitted, (), ("bone", "position"))
     assert text.count("and not bone, position.") == 1
     assert "first contact" in text or "calibration error" in text
+
+
+def test_spots_that_differ_have_the_mean_and_its_spread(fitted):
+    assert fitted.spots_differ("I")
+    text = methods(fitted, fitted.estimates, ())
+    assert "means of a random effect between the spots" in text
+    assert "efficient estimator" not in text
+    (row,) = (
+        fitted.leading_rows(fitted.table("between_spots"))
+        .filter(pl.col("parameter").str.ends_with("grip"))
+        .to_dicts()
+    )
+    assert f"grip = {rounded(row['sd'], row['lower'], row['upper'])} MPa" in text
+    alike = with_tables(fitted, between_spots=pl.DataFrame())
+    assert "random effect" not in methods(alike, alike.estimates, ())
 
 
 def test_the_references_are_those_of_the_citation_file(content):

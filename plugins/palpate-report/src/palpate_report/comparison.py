@@ -115,9 +115,8 @@ def _leading(data: ReportData) -> dict[str, Any]:
 
 def _parameters(run: str, data: ReportData, of_moduli: str = "") -> Iterator[dict[str, Any]]:
     """Rows of a run, with a word on its moduli that joins their verdicts."""
-    found = (*data.estimates, *data.moduli)
     kinds = {name: parameter.kind for name, parameter in data.searched.items()}
-    for each in found:
+    for each in (*data.estimates, *data.moduli):
         lower, upper = (each.lower, each.upper) if each.level else (None, None)
         is_modulus = kinds.get(ParameterName.parse(each.name).shared, "modulus") == "modulus"
         words = (each.verdict, of_moduli if is_modulus else "")

@@ -149,10 +149,8 @@ def stiffness(data: ReportData, region: str) -> Stiffness:
 def _too_many(data: ReportData, n_searched: int) -> str:
     """Reason why the curves hold too few points for so many parameters; empty where they do not."""
     channels = set(map(channel_of, data.generalising.weighed))
-    curves = [
-        curve for spot in data.spots for name, curve in data.measured[spot].curves.items() if name in channels
-    ]
-    points = sum(curve.ordinate.size for curve in curves)
+    curves = (data.measured[spot].curves.items() for spot in data.spots)
+    points = sum(curve.ordinate.size for each in curves for name, curve in each if name in channels)
     needed = comparison.FEWEST_POINTS * n_searched
     if points >= needed:
         return ""
@@ -181,7 +179,6 @@ def ranked(fits: LawFits, criteria: pl.DataFrame) -> pl.DataFrame:
     rows = []
     for law, status in fits.status.items():
         data = fits.data.get(law)
-        model = str(model_verdict(data).verdict) if data else None
         found = of_run.get(law, dict[str, Any]())
         rows.append(
             {
@@ -190,7 +187,7 @@ def ranked(fits: LawFits, criteria: pl.DataFrame) -> pl.DataFrame:
                 "difference_aicc": found.get("difference"),
                 "meaning": found.get("meaning"),
                 "held_out": fits.held_out.get(law),
-                "model": model,
+                "model": str(model_verdict(data).verdict) if data else None,
                 "run": str(fits.folders.get(law, "")),
                 "status": status,
             }
@@ -208,7 +205,6 @@ def conclusion(table: pl.DataFrame) -> str:
     by_held = min(held, key=lambda row: float(row["held_out"]), default=None)
     compared = [row for row in rows if row["difference_aicc"] is not None]
     enough = [row for row in compared if row["meaning"] != comparison.TOO_FEW]
-    text = ""
     if len(rows) == 1:
         text = f"{rows[0]['law']} is the only law that could be fitted"
         best = rows[0]

@@ -128,11 +128,8 @@ def ranges(material: IsotropicMaterial[Any], known: Stiffness) -> Iterator[tuple
                 yield p, known.bulk_MPa / bulk * middle[i]
                 continue
             if p.name == "nu":
-                yield (
-                    p,
-                    (3.0 * known.bulk_MPa - 2.0 * known.shear_MPa)
-                    / (2.0 * (3.0 * known.bulk_MPa + known.shear_MPa)),
-                )
+                three_bulk, shear_MPa = 3.0 * known.bulk_MPa, known.shear_MPa
+                yield p, (three_bulk - 2.0 * shear_MPa) / (2.0 * (three_bulk + shear_MPa))
                 continue
         elif p.name not in proposed and p.kind == "modulus":
             lower, upper = (known.shear_MPa / shear * end for end in (lower, upper))
@@ -189,10 +186,9 @@ def _tables(
     table = {"material": law.material.name, "settings": dict(law.settings), **kept}
     budget = dict(raw.get("budget", {}))
     if "parameters" in budget:
-        of_others = {
+        budget["parameters"] = {
             n: v for n, v in budget["parameters"].items() if ParameterName.parse(n).region != region.region
         }
-        budget["parameters"] = of_others
     n_sets = SETS_ON_MESH if base.solver.provides.mesh else min(base.n_sets, MOST_SETS)
     executor = {} if base.solver.provides.mesh else {"executor": {"name": "in_process"}}
     return {

@@ -5,6 +5,7 @@ from pathlib import Path
 
 from palpate.api import Indentation, Parameter, RegionMaterial, convert
 from palpate.api.runs import FINE
+from palpate_report.answer.headline import between_spots
 from palpate_report.answer.law import law_name
 from palpate_report.answer.model_verdict import NO_PARAMETERS
 from palpate_report.answer.next_step import cause_name
@@ -112,7 +113,6 @@ def assumed(data: ReportData, region: RegionMaterial) -> Iterator[str]:
 
 def _search(data: ReportData) -> Iterator[str]:
     study, scenario = data.study, data.generalising
-    rules = study.scoring.score
     weights = " + ".join(f"{weight:g} × {in_words(name)}" for name, weight in scenario.weighed.items())
     if data.design.n_sets:
         yield (
@@ -120,12 +120,19 @@ def _search(data: ReportData) -> Iterator[str]:
             "simulated first."
         )
     where = ", jointly over all spots" if len(data.spots) > 1 else ""
-    fopt = f"Fopt, the {rules.name.upper()} of {weights} (scenario {scenario.name}){where}"
+    fopt = f"Fopt, the {study.scoring.score.name.upper()} of {weights} (scenario {scenario.name}){where}"
     if not data.is_fitted:
         yield f"The set with the least {fopt} was selected."
         return
     began = "their best" if data.design.n_sets else "the middle of the ranges"
     yield f"The search ({in_words(study.search.name)}) began at {began} and minimised {fopt}."
+    if spread := between_spots(data).removeprefix("they differ, "):
+        yield (
+            "The spots differ. The reported values are the means of a random effect between the spots "
+            "(restricted maximum likelihood; intervals of its size by the Q-profile, Viechtbauer 2007), with "
+            f"the {spread}."
+        )
+        return
     (row,) = data.leading_rows(data.fit.ends).to_dicts()
     mean = "Mean Fopt over the spots" if len(data.spots) > 1 else "Fopt"
     if data.leading_rows(data.fit.intervals).is_empty():
