@@ -56,6 +56,7 @@ _ESCAPED = str.maketrans(
         "†": r"$^{\dagger}$",
         "‡": r"$^{\ddagger}$",
         "§": r"$^{\S}$",
+        "¶": r"$^{\P}$",
         "\n": " ",
         "\r": " ",
     }
