@@ -8,13 +8,17 @@ time-out or a crash depends on the machine.
 import contextlib
 import functools
 import shutil
+import sys
 from collections import Counter
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
 from time import monotonic
 
-from palpate.domain import FINE, Job, Limb, Simulation, Status
+import numpy as np
+
+from palpate.domain import FINE, FloatArray, Job, Limb, Simulation, Status
+from palpate.domain.channels import PRESS_AND_TWIST
 from palpate.errors import PluginError, StoppedError, typed
 from palpate.executors import Batch, Limits, Processes
 from palpate.executors.attempts import usable
@@ -79,6 +83,7 @@ class Simulations:
         self._is_time_said = False
         self._check = check
         self._keys = JobKeys(study.solver, self.limbs, study.trusted)
+        self._first: dict[str, Mapping[str, FloatArray]] = {}
         self.known: dict[str, Simulation] = {}
         self._opened = contextlib.ExitStack()
 
@@ -128,7 +133,7 @@ class Simulations:
         n_jobs = Counter(keys)
         by_key: dict[str, Job] = {}
         for key, job in zip(keys, jobs, strict=True):
-            by_key.setdefault(key, job)
+            by_key.setdefault(key, self._with_warm_start(job))
         for source in (self._in_memory, self._in_ledger, self._in_cache, self._simulated):
             for key, simulation in source(by_key):
                 is_new = key not in self.known
@@ -147,6 +152,25 @@ class Simulations:
                 f"`palpate run {typed(self.folder)}` continues the run"
             )
         return [of_job(self.known[key], job) for key, job in zip(keys, jobs, strict=True)]
+
+    def _with_warm_start(self, job: Job) -> Job:
+        """Job that starts from the first set that was asked for on its path; a set of a design has its own.
+
+        No key has that start: it changes a result by less than the solver's accuracy.
+        """
+        if job.set_id >= 0 or job.mesh or not self._takes_warm_starts:
+            return job
+        nothing = {region: values[:0] for region, values in job.thetas.items()}
+        path = self.key(replace(job, thetas=nothing, slopes=False, surface=False, channels=PRESS_AND_TWIST))
+        first = self._first.setdefault(path, job.thetas)
+        if all(np.array_equal(first[region], values) for region, values in job.thetas.items()):
+            return replace(job, is_warm_start=True)
+        return replace(job, warm_starts={region: values[None] for region, values in first.items()})
+
+    @functools.cached_property
+    def _takes_warm_starts(self) -> bool:
+        with answering_for(self.study.solver, "asking for its warm starts"):
+            return self.study.solver.n_warm_starts(sys.maxsize) > 0
 
     # -------------------------------------------------------- where they come from
 

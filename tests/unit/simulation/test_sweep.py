@@ -301,3 +301,35 @@ def test_warm_starts_are_in_the_key_of_what_starts_from_them(make_study, tissue,
         replace(job, is_warm_start=True),
     )
     assert simulation.keys(study, [copied, no_warm_start], {}) == [keys[0]] * 2
+
+
+def test_sets_of_a_search_start_from_the_first_on_their_path(make_study, tissue, tmp_path, monkeypatch):
+    has_warm_starts(tissue, monkeypatch)
+    study = make_study(solver=tissue.Analytic())
+    first, second, third = (
+        replace(job, set_id=-1, warm_starts=None, is_warm_start=False, slopes=False)
+        for job in jobs_for(study, 3)[:3]
+    )
+    with Simulations(study, tmp_path / "run", {}) as simulations:
+        found = simulations.of([first, second]) + simulations.of([replace(first, slopes=True), third])
+        asked = [simulations.known[simulations.key(each.job)].job for each in found]
+    (region,) = first.thetas
+    assert [job.is_warm_start for job in asked] == [True, False, True, False]
+    for job in (asked[1], asked[3]):
+        np.testing.assert_array_equal(job.warm_starts[region], first.thetas[region][None])
+    with Simulations(study, tmp_path / "other", {}) as simulations:
+        # Where others are asked for first, the same set has the same key, and another start.
+        simulations.of([third])
+        assert simulations.key(second) == simulations.key(found[1].job)
+        (again,) = simulations.of([second])
+        started = simulations.known[simulations.key(again.job)].job
+    np.testing.assert_array_equal(started.warm_starts[region], third.thetas[region][None])
+
+
+def test_a_set_on_a_finer_mesh_starts_from_rest(make_study, tissue, tmp_path, monkeypatch):
+    has_warm_starts(tissue, monkeypatch)
+    study = make_study(solver=tissue.Analytic())
+    first, second = (replace(job, set_id=-1, warm_starts=None, mesh="fine") for job in jobs_for(study, 2)[:2])
+    with Simulations(study, tmp_path / "run", {}) as simulations:
+        simulations.of([first, second])
+        assert all(each.job.warm_starts is None for each in simulations.known.values())

@@ -51,8 +51,8 @@ class JaxSettings(Settings):
     warm_starts: bool = Field(
         True,
         description="start the sets of a sweep from an interpolation between its first sets, the warm "
-        "starts, whose displacements are kept in the user's cache folder; without it, every set is solved "
-        "alone",
+        "starts, and the sets of a fit from its first one; their displacements are kept in the user's cache "
+        "folder; without it, every set is solved alone",
     )
     fields: Literal["none", "end", "all"] = Field(
         "none",
