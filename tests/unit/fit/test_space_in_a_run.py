@@ -264,7 +264,7 @@ def test_contours_simulate_nothing_and_know_the_sets_of_the_sweep(run, asked, mo
     real = stages.planes_of_fits
     monkeypatch.setattr(stages, "planes_of_fits", planes_of_fits)
     result = run(TRUTH, space(), SEARCHED, n_sets=7, scenarios=ONE)
-    assert sum(bool(job.warm_starts) for job in asked) == 2 * 5
+    assert sum(bool(job.warm_starts) for job in asked if job.set_id >= 0) == 2 * 5
     ((planes, runs, design, simulated),) = made
     assert not planes.is_empty()
     np.testing.assert_array_equal(runs.values[:, :2], design.values)
