@@ -355,3 +355,19 @@ def test_two_sites_do_not_tell_what_they_have_in_common():
     residuals = fitted(np.random.default_rng(6).normal(size=len(rows.spot)), jacobian)
     known, free = np.zeros((len(residuals), 1)), null_space(jacobian.T)
     assert estimate(residuals, free, known, rows, expected=EXPECTED).common == ASSUMED.common
+
+
+@given(seed=st.integers(0, 10_000), small=st.integers(0, 26), is_inside=st.booleans())
+def test_most_likely_values_inside_of_the_ranges_are_the_centre(seed, small, is_inside):
+    """A coefficient over many powers of ten has a share, and an error, of nearly nothing."""
+    rng, n = np.random.default_rng(seed), 6
+    sd = np.append(10.0**-small, 10.0 ** rng.uniform(-4.0, 0.0, n - 1))
+    root = sd[:, None] * (rng.normal(size=(n, n)) + 2.0 * np.eye(n))
+    centre = np.append(sd[0], rng.uniform(0.05, 0.95, n - 1))
+    centre[-1] += 0.0 if is_inside else 1.0
+    found = Laplace(centre=centre, covariance=root @ root.T, parts={}).most_likely
+    assert ((found >= 0.0) & (found <= 1.0)).all()
+    if is_inside:
+        np.testing.assert_allclose(found, centre, rtol=1e-9)
+    else:
+        assert found[-1] == 1.0

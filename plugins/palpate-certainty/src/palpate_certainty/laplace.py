@@ -58,9 +58,8 @@ class Laplace:
 
     def mapped(self, by: FloatArray, centre: FloatArray) -> "Laplace":
         """Density around a ``centre`` (m,) of changes that are combinations (m, n_parameters) of these."""
-        parts = {name: by @ part @ by.T for name, part in self.parts.items()}
+        parts, covariance = {n: by @ p @ by.T for n, p in self.parts.items()}, by @ self.covariance @ by.T
         through = by @ self.through if self.through.size else self.through
-        covariance = by @ self.covariance @ by.T
         return replace(self, centre=centre, covariance=covariance, parts=parts, through=through)
 
     def with_part(self, name: str, part: FloatArray) -> "Laplace":
@@ -104,7 +103,10 @@ class Laplace:
     @property
     def most_likely(self) -> FloatArray:
         """Point (n_parameters,) of the ranges where the density is largest."""
-        return linear_least(self._whiten, self._whiten @ self.centre)
+        # In standard deviations: a coefficient of many powers of ten has shares that a solver takes for 0.
+        sd = np.sqrt(np.diag(self.covariance))
+        found = linear_least(self._whiten * sd, 0.0 * sd, -self.centre / sd, (1.0 - self.centre) / sd)
+        return np.clip(self.centre + sd * found, 0.0, 1.0)
 
     @property
     def _whiten(self) -> FloatArray:

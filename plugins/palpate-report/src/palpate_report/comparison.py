@@ -103,13 +103,12 @@ def other_rates(runs: Mapping[str, ReportData]) -> tuple[frozenset[str], str]:
 
 def _leading(data: ReportData) -> dict[str, Any]:
     """Row of the fit of all spots, or of the only one; without a fit of the set for all; or nothing."""
-    scenario = data.generalising.name
     if data.is_fitted:
         return data.leading_rows(data.fit.ends).row(0, named=True)
     if len(data.spots) > 1:
         rows = data.generalisation.with_columns(fopt=pl.col("fopt_mean"))
     else:
-        rows = data.selection.filter(scenario=scenario)
+        rows = data.selection.filter(scenario=data.generalising.name)
     return next(rows.head(1).iter_rows(named=True), {})
 
 
