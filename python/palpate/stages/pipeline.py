@@ -173,7 +173,8 @@ def run_study(
     study = before.with_trusted_code(study, trust)
     changes = _changed(study, inputs, before, plugins)
     confirm(changes)
-    if is_quick and is_complete and not changes.changes:
+    is_again = is_complete and not changes.changes
+    if is_quick and is_again:
         is_quick = False
         progress.note("--quick is ignored: the run is complete, and its page has more than a first answer")
     with directory.locked(study, plugins.channels, adopt=adopt) as check_lock:
@@ -184,7 +185,9 @@ def run_study(
         directory.records.write("whole run", (), {})  # until it ends
         if n_kept := inputs.design.n_kept:
             progress.note(f"the first {n_kept} sets of the design are from an earlier one with wider ranges")
-        given = replace(run, study=study, fresh=inputs, check_lock=check_lock, is_quick=is_quick)
+        given = replace(
+            run, study=study, fresh=inputs, check_lock=check_lock, is_quick=is_quick, is_again=is_again
+        )
         with given as run, _showing_so_far(run, wanted):
             return _made(run, inputs, wanted, made_from)
 

@@ -162,6 +162,8 @@ class Run:
         Simulations that the command has still to make.
     is_quick : bool
         Whether the command ends with the first answer.
+    is_again : bool
+        Whether all its simulations are kept, so that none is forecast.
     """
 
     study: Study
@@ -176,6 +178,7 @@ class Run:
     more_limbs: Mapping[str, Limb] = field(default_factory=dict)
     forecast: Forecast = field(default_factory=Forecast)
     is_quick: bool = False
+    is_again: bool = False
     shared: dict[str, Any] = field(default_factory=dict)
     """Values that a stage leaves in memory for those after it."""
     _opened: contextlib.ExitStack = field(default_factory=contextlib.ExitStack)
@@ -245,7 +248,7 @@ class Run:
 
     def expect(self, stages: Iterable[Stage]) -> None:
         """Forecast the simulations of the stages that are to come."""
-        parts = self.parts(stages)
+        parts = [] if self.is_again else self.parts(stages)
         self.forecast.expect(parts, self.limbs if any(part.n for part in parts) else {})
         if self.forecast.is_whole:
             self.progress.expect(self.forecast.n_left, self.forecast.seconds_left)

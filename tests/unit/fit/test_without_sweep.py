@@ -11,6 +11,7 @@ import pytest
 from palpate.domain import Response, Scenario
 from palpate.fit.least_squares import LeastSquares
 from palpate.plugins.catalogue import Plugins
+from palpate.progress import Progress
 from palpate.stages import pipeline
 from palpate.study.reading import read_study
 from palpate_materials.uncoupled import Yeoh
@@ -28,6 +29,24 @@ def test_a_fit_without_a_sweep_finds_the_tissue_and_is_reported(make_study, plug
     assert fitted["soft_tissue.grip"] == pytest.approx(20.0, rel=1e-5)
     assert not result.report.conclusion.without_result
     assert all(path.exists() for path in result.report.files)
+
+
+class Expecting(Progress):
+    def __init__(self):
+        self.expected = []
+
+    def expect(self, n_left, seconds_left):
+        self.expected.append(n_left)
+
+
+@pytest.mark.usefixtures("one_figure")
+def test_a_complete_run_that_is_made_again_expects_no_simulation(make_study, plugins, tmp_path):
+    study = make_study(n_sets=0, search=LeastSquares())
+    first, again = Expecting(), Expecting()
+    for progress in (first, again):
+        pipeline.run_study(study, tmp_path / "run", plugins, progress)
+    assert max(first.expected) > 0
+    assert again.expected == []
 
 
 def test_a_scenario_is_not_fitted_where_it_weighs_nothing(pressed, stage_of):
