@@ -325,7 +325,10 @@ class Assessment:
             for label, columns in found.items()
             if any(np.any(each) for each in columns.values())
         }
-        return known | {PRIORS: np.diag(np.where(rows.channel < 0, end.problem.noise, 0.0))}
+        of_priors = np.flatnonzero(rows.channel < 0)
+        priors = np.zeros((len(residuals), len(of_priors)))
+        priors[of_priors, np.arange(len(of_priors))] = end.problem.noise
+        return known | {PRIORS: priors}
 
 
 def _nearly_least(problem: Problem, starts: Sequence[FloatArray]) -> Evaluation | None:
