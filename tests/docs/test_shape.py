@@ -18,8 +18,8 @@ ROOT = Path(__file__).parents[2]
 LONGEST_FILE = 500
 LONGEST_FUNCTION = 45
 MOST = {
-    "lines": 78_354,
-    "lines of the core": 33_612,
+    "lines": 78_356,
+    "lines of the core": 33_614,
     "classes": 650,
     "constants": 691,
     "long files": 0,

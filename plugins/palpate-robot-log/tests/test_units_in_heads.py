@@ -58,6 +58,8 @@ HEADS: Mapping[str, bytes] = {
     "names in a comment above their units.csv": of_text("# depth, force\n# um, mN", 1e3 * DEPTH, 1e3 * FORCE),
     "units in a comment below the names.csv": of_text("No.,depth,force\n#,um,mN", np.arange(41.0), 1e3 * DEPTH, 1e3 * FORCE),
     "keys above the names.csv": of_text("---\nunits:\n  depth: um\n  force: mN\n---\ndepth,force", 1e3 * DEPTH, 1e3 * FORCE),
+    "no unit of the first column, grams under mm.csv": of_text("Points,Elapsed Time,Disp,Load\n ,Sec,um,g", np.arange(41.0), SECONDS, 1e3 * DEPTH, FORCE / 9.80665e-3),
+    "seconds as a capital.csv": of_text("Time (S),Displacement (um),Force (mN)", SECONDS, 1e3 * DEPTH, 1e3 * FORCE),
     "unit behind each name.csv": of_text("Depth unit: um\nForce unit: mN\n\ndepth,force", 1e3 * DEPTH, 1e3 * FORCE),
 }  # fmt: skip
 

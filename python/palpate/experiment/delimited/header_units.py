@@ -149,6 +149,8 @@ def is_units_line(cells: Sequence[str], share: float = 0.5) -> bool:
     """Whether a share of the filled cells of a line are units, as some loggers write them under the names."""
     filled = [cell for cell in cells if bare_unit(cell)]
     known = [c for c in filled if is_believed(c) or (bare_unit(c) != c and kind_of(bare_unit(c)))]
+    if len(filled) > 2 and all(kind_of(bare_unit(cell)) not in (None, "other") for cell in filled):
+        share = min(share, 1.0 / len(filled))  # g alone may be a name, and next to s and mm it is a unit
     return 0 < share * len(filled) <= len(known) and all(len(cell) <= _LONGEST_UNIT for cell in filled)
 
 
