@@ -327,6 +327,9 @@ def _curves() -> Mapping[str, Callable[[], Layout]]:
         "bending": lambda: made(["Flexure strain (mm/mm),Flexure stress (kPa)", *rows(STRAIN, STRESS_KPA)], "question"),
         "amplitudes of an oscillation": lambda: made(
             ["Shear Strain (%),Shear Stress (kPa),Storage Modulus (kPa)", *rows(100.0 * STRAIN, STRESS_KPA, STRESS_KPA)], "question"),
+        "moduli over frequency": lambda: made(
+            ["Frequency (Hz),Storage modulus (kPa),Loss modulus (kPa)", *rows(1.0 + SECONDS, STRESS_KPA, STRESS_KPA)], "question"),
+        "inflation": lambda: made(["Pressure (mmHg),Diameter (mm)", *rows(STRESS_KPA, 10.0 + DEPTH)], "question"),
         "flow": lambda: made(["Shear Rate (1/s),Shear Stress (kPa)", *rows(STRAIN, STRESS_KPA)], "question"),
         "sensor alone": lambda: made(
             ["Time (s),Force X (N),Force Y (N),Force Z (N),Torque X (Nm),Torque Y (Nm),Torque Z (Nm)", *rows(SECONDS, *([FORCE] * 6))], "question"),

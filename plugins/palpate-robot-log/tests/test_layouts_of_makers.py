@@ -69,6 +69,8 @@ QUESTIONS = {
     "bending by its preamble": "the file states a bending test",
     "bending": "palpate does not convert a measure 'flexure'",
     "amplitudes of an oscillation": "amplitudes of an oscillation are no curve",
+    "moduli over frequency": "amplitudes of an oscillation are no curve",
+    "inflation": "an inflation is no curve; give a test of loading",
     "flow": "a test needs strain or stretch next to stress; add its column",
     "sensor alone": "not found: position, orientation; name their columns",
     "forces of a sensor alone": "a curve needs depth and force at each time; log both",

@@ -97,12 +97,16 @@ def _unnamed(columns: Sequence[Column]) -> Proposal | None:
     """Question for what a few columns lack to be a curve; a robot's log has more columns."""
     if not 2 <= len(columns) < _FEWEST_OF_ROBOT:
         return None
+    names = [column.name for column in columns]
+    every = {word for name in names for word in words_of(name)}
+    for words, are in (("oscillation", "amplitudes of an oscillation are"), ("inflation", "an inflation is")):
+        if WORDS[words] & every and pick(columns, "force") is None:
+            return Proposal(questions=(f"{', '.join(names)}: {are} no curve; give a test of loading",))
     if (specimen := _specimen(columns)) is not None:
         return specimen
     unread = [c for c in columns if c.note and has_role(words_of(c.name)) and not np.isfinite(c.values).any()]
     if unread:
         return Proposal(questions=tuple(f"{column.name}: {column.note}" for column in unread))
-    names = [column.name for column in columns]
     ask = f"{', '.join(names)}: which is the depth, and which the force? name them, with factors to mm and N"
     if (stress := pick(columns, "stress")) is not None:
         known = {"ratio", None}
