@@ -272,8 +272,7 @@ def _curves() -> Mapping[str, Callable[[], Layout]]:
         "newest row first": lambda: made(["Depth (mm),Force (N)", *rows(DEPTH[::-1], FORCE[::-1])], "question"),
         "stress of an indentation": lambda: made(["Indentation strain,Indentation stress (kPa)", *rows(STRAIN, STRESS_KPA)], "question"),
         "short names of measures": lambda: made(["eps_eng [-],sigma_eng [kPa]", *rows(STRAIN, STRESS_KPA)], "uniaxial"),
-        "shear of a plate": lambda: made(
-            ["Shear displacement (mm),Shear force (N),Thickness (mm)", *rows(DEPTH, FORCE, 0.0 * DEPTH + 10.0)], "question"),
+        "shear of a plate": lambda: made(["Shear displacement (mm),Shear force (N),Thickness (mm)", *rows(DEPTH, FORCE, 0.0 * DEPTH + 10.0)], "question"),
         "percent that R has no letter for": lambda: made(["Strain....,Stress..kPa.", *rows(40.0 * STRAIN, STRESS_KPA)], "question"),
         "creep from zero": lambda: made(
             ["Time (s),Strain,Stress (kPa)", "0,0,0", *rows(1.0 + SECONDS, 0.1 + STRAIN, 0.0 * STRAIN + 10.0)], "question"),
@@ -325,10 +324,8 @@ def _curves() -> Mapping[str, Callable[[], Layout]]:
             ["# Forearm, elbow flexion 30 deg, skin under tension", "Depth (mm),Force (N)", *rows(DEPTH, FORCE)], "curve"),
         "a plural before the unit": lambda: made(["Depth (mm),Load cell(s) force N", *rows(DEPTH, FORCE)], "curve"),
         "bending": lambda: made(["Flexure strain (mm/mm),Flexure stress (kPa)", *rows(STRAIN, STRESS_KPA)], "question"),
-        "amplitudes of an oscillation": lambda: made(
-            ["Shear Strain (%),Shear Stress (kPa),Storage Modulus (kPa)", *rows(100.0 * STRAIN, STRESS_KPA, STRESS_KPA)], "question"),
-        "moduli over frequency": lambda: made(
-            ["Frequency (Hz),Storage modulus (kPa),Loss modulus (kPa)", *rows(1.0 + SECONDS, STRESS_KPA, STRESS_KPA)], "question"),
+        "amplitudes of an oscillation": lambda: made(["Shear Strain (%),Shear Stress (kPa),Storage Modulus (kPa)", *rows(100.0 * STRAIN, STRESS_KPA, STRESS_KPA)], "question"),
+        "moduli over frequency": lambda: made(["Frequency (Hz),Storage modulus (kPa),Loss modulus (kPa)", *rows(1.0 + SECONDS, STRESS_KPA, STRESS_KPA)], "question"),
         "inflation": lambda: made(["Pressure (mmHg),Diameter (mm)", *rows(STRESS_KPA, 10.0 + DEPTH)], "question"),
         "flow": lambda: made(["Shear Rate (1/s),Shear Stress (kPa)", *rows(STRAIN, STRESS_KPA)], "question"),
         "sensor alone": lambda: made(
