@@ -8,11 +8,19 @@ import polars as pl
 import pytest
 
 from palpate.api import Indentation
-from palpate.api.fit import ALL_SPOTS
+from palpate.api.fit import ALL_SPOTS, Adequacy
 from palpate.domain.indenter import Sphere
 from palpate.fit.least_squares import LeastSquares
 from palpate.study.model import BudgetTable
-from palpate_report.answer.next_step import AFTER_REFUSAL, CAUSES, REMEDIES, SETTINGS, WRITE_UP, typed
+from palpate_report.answer.next_step import (
+    AFTER_REFUSAL,
+    CAUSES,
+    REMEDIES,
+    SETTINGS,
+    WRITE_UP,
+    next_step,
+    typed,
+)
 from palpate_report.answer.result import Report, make_conclusion
 from palpate_report.data.marks import with_minus
 from palpate_report.page.html import render
@@ -181,6 +189,18 @@ def test_after_a_refusal_the_check_that_failed_decides(fitted, failed):
     assert ("compare other laws" in said(data)) == (failed == "discrepancy")
     test = replace(data, study=replace(data.study, protocol=None))
     assert said(test) == typed(AFTER_REFUSAL["specimen" if failed == "discrepancy" else failed], data)
+
+
+@pytest.mark.parametrize(("of_spots", "is_of_law"), [("describes", False), ("approximates", True)])
+def test_another_law_is_proposed_where_a_spot_alone_is_not_described(fitted, of_spots, is_of_law):
+    data = because(pressed(fitted), "onset")
+    is_together = pl.col("fit") == data.together
+    verdict = pl.when(is_together).then(pl.lit("approximates")).otherwise(pl.lit(of_spots))
+    data = with_tables(data, adequacy=data.fit.adequacy.with_columns(verdict=verdict))
+    assert set(data.fit.adequacy.filter(~is_together)["check"]) >= {"discrepancy"}
+    step = next_step(data, make_conclusion(data, {}).estimates, model=Adequacy.APPROXIMATES)
+    assert ("compare other laws" in step) == is_of_law
+    assert (REMEDIES["onset"] in step) != is_of_law
 
 
 def test_a_fit_that_misses_everything_asks_for_units_and_columns(fitted):

@@ -6,6 +6,8 @@ from importlib.resources import files
 from pathlib import Path
 from types import MappingProxyType
 
+import polars as pl
+
 from palpate.api import Indentation, typed as typed_path
 from palpate.api.fit import THRESHOLDS, Adequacy
 from palpate.api.mesh import EDGE_OVER_REACH
@@ -62,7 +64,7 @@ def next_step(data: ReportData, estimates: Sequence[Headline], *, model: Adequac
         return typed(AFTER_REFUSAL[next((e.kind for e in failed if (e.fit, e.scenario) == main), "")], data)
     if at_end := ", ".join(p.parameter for p in estimates if p.at_bound and p.identifiability != "not"):
         return f"widen the range of {at_end} in {data.study.file.name}, {_again(data)}"
-    if model is Adequacy.APPROXIMATES:
+    if model is Adequacy.APPROXIMATES and not _describes_each_spot(data):
         return typed(OTHER_MATERIAL, data)
     open_ones = [each for each in estimates if each.identifiability != "well"]
     if not open_ones:
@@ -118,6 +120,13 @@ def _narrower(data: ReportData, worst: Headline) -> str:
         remedy = _finer(data)
     of = f"{CAUSES.get(cause, cause)}{_basis(data, cause)}"
     return f"{worst.parameter} is limited by {of}: {share} of its variance; {remedy}"
+
+
+def _describes_each_spot(data: ReportData) -> bool:
+    """Whether the laws describe each spot alone: errors that differ by spot make the misfit together."""
+    checks = data.fit.adequacy.filter(check="discrepancy", scenario=data.generalising.name)
+    alone = checks.filter(pl.col("fit") != data.together)
+    return bool(alone.height) and set(alone["verdict"]) == {"describes"}
 
 
 def _shows_misfit(data: ReportData) -> bool:
