@@ -1,15 +1,8 @@
 """palpate identifies material parameters of soft tissue from indentation force and torque.
 
-The stages of a study as functions, for scripts and notebooks, with polars frames in and out::
+A study is run as by the command line, and what the run has found is read back from its folder::
 
-    study = palpate.read_study("arm")
-    measured, design = palpate.measure(study), palpate.sample(study)
-    simulated = palpate.simulate(study, design, measured)
-    scores = palpate.score(study, simulated, measured)
-    palpate.select(study, scores, design)
-
-and what a run has found, read back from its folder::
-
+    palpate.run_study(palpate.read_study("arm"), "runs/arm")
     run = palpate.open_run("runs/arm")
     run.intervals, run.curves
     run.material("soft_tissue").stress(1.2, mode="uniaxial")
@@ -71,15 +64,7 @@ if TYPE_CHECKING:
         Solver as Solver,
     )
     from palpate.plugins.provides import Provides as Provides
-    from palpate.stages.notebook import (
-        generalise as generalise,
-        measure as measure,
-        open_problem as open_problem,
-        sample as sample,
-        score as score,
-        select as select,
-        simulate as simulate,
-    )
+    from palpate.stages.open_problem import open_problem as open_problem
     from palpate.stages.pipeline import RunResult as RunResult, run_study as run_study
     from palpate.stages.saved_run import SavedRun as SavedRun, open_run as open_run
     from palpate.study.reading import Study as Study, read_study as read_study

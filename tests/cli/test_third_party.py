@@ -21,9 +21,8 @@ from dataclasses import replace
 import palpate
 plugins = palpate.Plugins.load()
 study = replace(palpate.read_study(sys.argv[1], plugins), n_sets=32)
-measured, design = palpate.measure(study, plugins), palpate.sample(study)
-simulated = palpate.simulate(study, design, measured)
-chosen = palpate.select(study, palpate.score(study, simulated, measured), design)
+result = palpate.run_study(study, sys.argv[2], plugins, without=["report"])
+chosen = result.selected.selection
 print(json.dumps([plugins.materials.provider("reinforced"), *chosen.to_dicts()]))
 """
 
@@ -50,8 +49,10 @@ def run(site: Path, code: str, *arguments: str) -> subprocess.CompletedProcess[s
     return subprocess.run(command, env=environment, capture_output=True, text=True, check=False)
 
 
-def test_it_is_used_in_a_study_and_leaves_with_its_folder(installed: Path, call: Call) -> None:
-    done = run(installed, STUDY, str(EXAMPLE / "study"))
+def test_it_is_used_in_a_study_and_leaves_with_its_folder(
+    installed: Path, call: Call, tmp_path: Path
+) -> None:
+    done = run(installed, STUDY, str(EXAMPLE / "study"), str(tmp_path / "run"))
     assert done.returncode == 0, done.stderr
     provider, both, strip_only = json.loads(done.stdout)
     assert provider == "fibre"

@@ -9,6 +9,7 @@ from typing import Any
 import polars as pl
 import pytest
 
+from palpate.domain import Simulation, Status
 from palpate.plugins.catalogue import Plugins
 from palpate.study.reading import Study
 from palpate.testing import bench
@@ -39,15 +40,16 @@ class SmallStudy:
 
     Parameters
     ----------
-    simulated, scores, selection : DataFrame
-        As :func:`palpate.simulate`, :func:`palpate.score` and :func:`palpate.select` return them.
+    simulations : tuple of Simulation
+    scores, selection : DataFrame
+        Tables of the stages ``score`` and ``select``.
     fitted : DataFrame
         Where each fit ended; empty unless the test gives a table ``fit``.
     """
 
     study: Study
     plugins: Plugins
-    simulated: pl.DataFrame
+    simulations: tuple[Simulation, ...]
     scores: pl.DataFrame
     selection: pl.DataFrame
     fitted: pl.DataFrame
@@ -82,23 +84,22 @@ class StudyRunner:
         AssertionError
             palpate would leave a plugin out, or a simulation failed.
         """
-        from palpate import sample, score, select, simulate
-        from palpate.stages import notebook as stages, pipeline
+        from palpate.stages import pipeline
 
         study, loaded = self.study(*plugins, mesh=mesh, **tables)
-        measured, design = stages.measure(study, loaded), sample(study)
-        simulated = simulate(study, design, measured)
-        failed = simulated.filter(pl.col("status") != "ok")
-        assert failed.is_empty(), f"a simulation failed: {failed['message'][0]}"
-        scores, fitted = score(study, simulated, measured), pl.DataFrame()
-        if "fit" in tables:
-            fitted = pipeline.run_study(study, self.folder / "run", loaded).fit.table
+        folder = self.folder / "run"
+        pipeline.measure(study, folder, loaded)
+        for stage in ("sample", "simulate", "score", "select"):
+            run = pipeline.run_stage(stage, study, folder, loaded)
+        failed = [each.message for each in run.swept() if each.status is not Status.OK]
+        assert not failed, f"a simulation failed: {failed[0]}"
+        fitted = pipeline.run_study(study, folder, loaded).fit.table if "fit" in tables else pl.DataFrame()
         return SmallStudy(
             study=study,
             plugins=loaded,
-            simulated=simulated,
-            scores=scores,
-            selection=select(study, scores, design),
+            simulations=run.swept(),
+            scores=run.table("scores"),
+            selection=run.table("selection"),
             fitted=fitted,
         )
 

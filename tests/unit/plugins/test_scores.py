@@ -6,11 +6,11 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from palpate import sample
 from palpate.domain import Curve, Normaliser, PointWeighting, Response
 from palpate.errors import PluginError, ScoringError
 from palpate.plugins.registry import load_file
 from palpate.plugins.score import Nmse, NmseSettings, Score, ScoringRules, weighted
+from palpate.sampling.study_design import draw_study
 from palpate.scoring.scores import check_scorable
 from palpate.testing import ScoreContract, StudyRunner
 
@@ -141,7 +141,7 @@ def test_a_study_is_swept_and_fitted_by_the_score_of_a_plugin(tmp_path):
     found = StudyRunner(tmp_path)(load_file(FILE), scoring=scoring, fit={"search": "least_squares"})
     assert found.study.scoring.score.settings.floor == 0.001
     # Force and torque are in proportion to the modulus.
-    moduli, scores = sample(found.study)[:, 1].to_numpy(), found.scores
+    moduli, scores = draw_study(found.study).values[:, 0], found.scores
     expected = np.log(moduli[scores["set_id"].to_numpy()] / 0.55) ** 2
     np.testing.assert_allclose(scores["nmse"], expected, rtol=1e-6)
     assert scores["r2"].is_null().all()

@@ -17,7 +17,7 @@ def runner(tmp_path):
 def test_a_study_of_only_the_bench_finds_a_set_near_the_truth(runner):
     small = runner(limb={"source": "small_block"})
     assert small.study.solver.name == "half_space_on_mesh"
-    assert small.simulated["set_id"].n_unique() == 3
+    assert len(small.simulations) == 3
     (row,) = small.selection.to_dicts()
     assert 0.4 < row["tissue.e"] < 0.7  # of a range from 0.1 to 1, the truth in its middle
     assert set(small.scores["channel"]) == {"force", "torque"}
