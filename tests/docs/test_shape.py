@@ -19,7 +19,7 @@ LONGEST_FILE = 500
 LONGEST_FUNCTION = 45
 MOST = {
     "lines": 78_369,
-    "lines of the core": 33_614,
+    "lines of the core": 33_500,
     "classes": 650,
     "constants": 691,
     "long files": 0,

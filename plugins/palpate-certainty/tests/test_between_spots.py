@@ -72,7 +72,7 @@ def test_budget_combinations_and_plans_have_the_intervals_of_the_mean(assessed_w
     planned = ExpectedError(covariance=np.eye(1), by_meshes=np.zeros((1, 0)), freedom=1.0)
     now = Expected(
         fit=design.laplace,
-        within=partial(density_of, problem=design.problem, around=design.between.point),
+        within=partial(density_of, problem=design.problem, along=design.along),
         shared=design.shared,
         before=planned,
     ).after(planned)

@@ -12,6 +12,7 @@ if TYPE_CHECKING:
         SpotDifferences as SpotDifferences,
         freedom_of as freedom_of,
     )
+    from palpate_certainty.curve_coordinates import CurveCoordinates as CurveCoordinates
     from palpate_certainty.emulator import GaussianProcess as GaussianProcess
     from palpate_certainty.error_sources import (
         MESH as MESH,

@@ -43,11 +43,11 @@ from palpate_certainty.error_sources import (
     mesh_errors,
 )
 from palpate_certainty.laplace import PRIORS
-from palpate_certainty.likeliest import likeliest
+from palpate_certainty.likeliest import likeliest, straightened
 from palpate_certainty.linear_problem import LinearProblem, errors_of, linearised
 from palpate_certainty.mesh_error import SpotMesh, is_stated
 from palpate_certainty.noise_model import ResidualLayout, layout_of
-from palpate_certainty.tables import Assessed, certainty_tables, most_likely
+from palpate_certainty.tables import Assessed, certainty_tables, coordinates_of, most_likely
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -63,6 +63,8 @@ class Assessment:
     limbs : dict of limb name to Limb
         On which jobs are simulated; those that a cause changes are added.
     progress : Progress
+    powers : dict of name to float
+        Powers of moduli in which curves are linear; those that are found are added.
     """
 
     study: Study
@@ -70,6 +72,7 @@ class Assessment:
     meshes: Mapping[str, SpotMesh] = field(default_factory=dict)
     limbs: dict[str, Limb] = field(default_factory=dict)
     progress: Progress = SILENT
+    powers: dict[str, float] = field(default_factory=dict)
 
     def run(self, cases: Sequence[Case]) -> dict[str, pl.DataFrame]:
         """Intervals of every case that has a result, and what they are made of."""
@@ -88,11 +91,12 @@ class Assessment:
         with self.noting("intervals"):
             self._check_score(by)
             columns, failures = self.columns(by)
-            found.append(self.assess(by, columns, failures, cases=ended))
+            found.append(straightened(self.assess(by, columns, failures, cases=ended), self.powers))
         for case in ended if found and not joint_only else ():
             if case is not by:
                 with self.noting(f"intervals for {case.label}, scenario {case.scenario.name}"):
-                    found.append(self.assess(case, columns, failures, found[0], ended))
+                    assessed = self.assess(case, columns, failures, found[0], ended)
+                    found.append(straightened(assessed, self.powers))
         return sorted(found, key=lambda each: ended.index(each.case))
 
     @contextmanager
@@ -178,7 +182,8 @@ class Assessment:
         if shape[0] < THRESHOLDS.unusual or any(is_beyond(m, linear.expected[i]) for i, m in missed.items()):
             linear, errors = linear.like_fopt(errors)
         of_all = linear.density(errors, is_likeliest=is_likeliest)
-        density, point = most_likely(of_all, linear, errors, end.problem)
+        along = coordinates_of(linear, errors)
+        density, point = most_likely(of_all, linear, errors, along, end.problem)
         if errors.between is None:
             there = replace(points, residuals=points.residuals + points.jacobian @ (point - points.point))
         close = closeness_of(there.residuals, end.problem.terms, points.channels)
@@ -190,6 +195,7 @@ class Assessment:
             errors=errors,
             point=point,
             laplace=of_all,
+            along=along,
             density=density,
             misfits=missed,
             shape=shape,

@@ -225,7 +225,8 @@ class LinearProblem:
 def linearised(box: Box, found: Evaluation) -> tuple[FloatArray, FloatArray, FloatArray]:
     """Residuals, slopes per range, and values as shares of their ranges, of an evaluation with slopes.
 
-    Curves are nearly linear in moduli, and not in the logarithms of these, which a search steps in.
+    Near the fit curves are linear in moduli as well as in their logarithms, which a search steps in. Farther
+    off a :class:`~palpate_certainty.curve_coordinates.CurveCoordinates` says in which power.
     """
     assert found.residuals is not None
     assert found.jacobian is not None

@@ -25,6 +25,7 @@ from palpate.api.fit import (
 )
 from palpate.api.runs import Study
 from palpate_certainty.adequacy import Check, Misfit
+from palpate_certainty.curve_coordinates import CurveCoordinates
 from palpate_certainty.declared import DECLARED
 from palpate_certainty.error_sources import MESH
 from palpate_certainty.laplace import Density, Laplace, wider
@@ -79,6 +80,8 @@ class Assessed:
         The most likely values, as shares of the ranges.
     laplace : Laplace
         By all causes.
+    along : CurveCoordinates
+        Coordinates in which the curves are taken as linear.
     density : Density
         By all causes, within the ranges and the filters.
     misfits : mapping of channel number to Misfit
@@ -99,6 +102,7 @@ class Assessed:
     errors: ResidualErrors
     point: FloatArray
     laplace: Laplace
+    along: CurveCoordinates
     density: Density
     misfits: Mapping[int, Misfit]
     shape: tuple[float, Mapping[int, float]]
@@ -129,43 +133,49 @@ class Assessed:
         return worst_of(check.verdict for check in self.checks)
 
 
-def density_of(found: Laplace, problem: Problem, around: FloatArray | None = None) -> Density:
-    """Density within the ranges and the filters of a problem.
+def coordinates_of(linear: LinearProblem, errors: ResidualErrors) -> CurveCoordinates:
+    """Coordinates in which curves are linear: the values, and logarithms of moduli where spots differ."""
+    if errors.between is None:
+        return CurveCoordinates(box=linear.box, powers=np.ones(linear.point.size), origin=linear.point)
+    powers = np.where(linear.box.log, 0.0, 1.0)
+    return CurveCoordinates(box=linear.box, powers=powers, origin=errors.between.point)
 
-    Means of spots that differ are normal in coordinates of the box, linear ``around`` the most likely.
+
+def density_of(found: Laplace, problem: Problem, along: CurveCoordinates) -> Density:
+    """Density within the ranges and the filters of a problem, where curves are linear in coordinates.
 
     Raises
     ------
     PalpateError
         Filters refuse all of it.
     """
-    box, width = problem.box, problem.box.upper - problem.box.lower
+    box = problem.box
 
-    def weights(shares: FloatArray) -> FloatArray:
+    def weights(points: FloatArray) -> FloatArray:
         # Before any curve each is spread evenly along its coordinate, as a search steps in it.
-        points = box.point(box.lower + width * shares)
-        return problem.accepts(points) / np.prod(box.rates(points) / width, axis=1)
+        shares = along.shares(points)
+        at = box.point(box.linear(shares))
+        per_step = along.rates(shares) * (box.upper - box.lower) / box.rates(at)
+        return problem.accepts(at) * np.prod(per_step, axis=1)
 
-    if around is None:
-        return found.within(weights)
-    at = box.point(box.lower + width * around)
-    rates = box.rates(at) / width
-    of_points = found.mapped(np.diag(1.0 / rates), at + (found.centre - around) / rates)
-    density = of_points.within(lambda points: np.asarray(problem.accepts(points), dtype=np.float64))
-    points = (box.values(density.points) - box.lower) / width
+    density = along.density(found).within(weights)
+    points = along.shares(density.points)
     return replace(density, centre=found.centre, covariance=found.covariance, points=points)
 
 
 def most_likely(
-    found: Laplace, linear: LinearProblem, errors: ResidualErrors, problem: Problem
+    found: Laplace,
+    linear: LinearProblem,
+    errors: ResidualErrors,
+    along: CurveCoordinates,
+    problem: Problem,
 ) -> tuple[Density, FloatArray]:
     """Density within ranges and filters, and its most likely point that they accept, as shares."""
-    box, around = problem.box, None if errors.between is None else errors.between.point
-    density = density_of(found, problem, around)
-    if around is None and linear.is_like_fopt:
+    density = density_of(found, problem, along)
+    if linear.is_like_fopt and errors.between is None:
         return density, linear.point  # the least of Fopt is what was searched
-    point = found.most_likely if around is None else around
-    is_accepted = problem.accepts(box.point(box.linear(point))[None])[0]
+    point = along.shares(along.density(found).most_likely)
+    is_accepted = problem.accepts(problem.box.point(problem.box.linear(point))[None])[0]
     return density, point if is_accepted else density.nearest
 
 

@@ -3,7 +3,6 @@
 import contextlib
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
-from typing import NamedTuple
 
 import numpy as np
 
@@ -44,6 +43,7 @@ from palpate_certainty.api import (
     OF_LIMB,
     SPOTS,
     Columns,
+    CurveCoordinates,
     ErrorSource,
     Laplace,
     LinearProblem,
@@ -82,6 +82,8 @@ class DesignProblem:
         Values of the fit; by default those at the first point.
     laplace : Laplace, optional
         Density of the fit; None before any press.
+    along : CurveCoordinates, optional
+        Coordinates in which the curves of the fit are linear.
     between : SpotDifferences, optional
     like_so_far : bool
         Whether causes and meshes are taken to change the curves of a candidate as at the press so far at
@@ -100,6 +102,7 @@ class DesignProblem:
     limbs: dict[str, Limb] = field(default_factory=dict)
     estimate: FloatArray | None = None
     laplace: Laplace | None = None
+    along: CurveCoordinates | None = None
     between: SpotDifferences | None = None
     limited: Mapping[str, tuple[Channel, ...]] = field(default_factory=dict)
     like_so_far: bool = False
@@ -150,11 +153,8 @@ class SimulatedPress:
         return {name: max(each.peaks.get(name, 0.0) for each in self.at) for name in names}
 
 
-class _Stated(NamedTuple):
-    """A problem with simulated curves as measured, and the largest ordinate of each channel."""
-
-    problem: Problem
-    peaks: Mapping[str, float]
+_Stated = tuple[Problem, dict[str, float]]
+"""A problem with simulated curves as measured, and the largest ordinate of each channel."""
 
 
 def press_meshes(
@@ -220,9 +220,9 @@ def simulated_presses(
     evaluated = iter(
         slopes_of(
             [
-                (each.problem, point_in(design, each.problem, p))
+                (problem, point_in(design, problem, p))
                 for found in whole.values()
-                for each, p in zip(found, points, strict=True)
+                for (problem, _), p in zip(found, points, strict=True)
             ]
         )
     )
@@ -242,15 +242,13 @@ def _simulated(
     if failure := next((each.failure for each in ended if each.jacobian is None), ""):
         return SimulatedPress(press=press, failure=failure)
     try:
-        columns = _columns(design, press, stated[0].problem, ended[0])
+        columns = _columns(design, press, first := stated[0][0], ended[0])
     except PalpateError as error:
         return SimulatedPress(press=press, failure=str(error))
     at = []
     for (problem, peaks), each in zip(stated, ended, strict=True):
         scaled = {
-            (spot, name): {
-                cause: _as_large(column, problem, stated[0].problem, name) for cause, column in of.items()
-            }
+            (spot, name): {cause: _as_large(column, problem, first, name) for cause, column in of.items()}
             for (spot, name), of in columns.items()
         }
         information = _information(design, press, problem, each, scaled)
@@ -327,7 +325,7 @@ def _restated(
         curves = {name: each for name, each in term.measured.curves.items() if name in known.corrections}
         corrections = {n: correction_like(known, n, of.abscissa, of.ordinate) for n, of in curves.items()}
         corrected = replace(term, corrections=corrections)
-        stated.append(_Stated(bare.restated([corrected]), _peaks(design, each)))
+        stated.append((bare.restated([corrected]), _peaks(design, each)))
     return stated
 
 

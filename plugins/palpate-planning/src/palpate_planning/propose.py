@@ -247,6 +247,7 @@ class PlanningStage:
             limbs=self.limbs,
             estimate=box.linear(self.assessed.point),
             laplace=self.assessed.laplace,
+            along=self.assessed.along,
             between=self.assessed.errors.between,
             like_so_far=self.is_quick,
             progress=self.progress,
@@ -351,8 +352,8 @@ def _expected(design: DesignProblem, goal: Goal, before: ExpectedError) -> Expec
             centre=shares_of(goal), covariance=before.covariance, parts={}, freedom=before.freedom
         )
         return Expected(fit=usual, within=Laplace.within, shared=range(usual.centre.size), before=before)
-    around = None if design.between is None else design.between.point
-    within = partial(density_of, problem=design.problem, around=around)
+    assert design.along is not None
+    within = partial(density_of, problem=design.problem, along=design.along)
     return Expected(fit=design.laplace, within=within, shared=design.shared, before=before)
 
 
