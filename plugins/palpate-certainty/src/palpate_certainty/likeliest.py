@@ -70,6 +70,8 @@ def straightened(assessed: Assessed, powers: dict[str, float]) -> Assessed:
         if (name := box.names[k]) not in powers:
             powers[name] = _power_at(assessed, k, float(sd[k]))
         own[k] = powers[name]
+    if np.array_equal(own, assessed.along.powers):
+        return assessed
     along = replace(assessed.along, powers=own)
     density, point = most_likely(assessed.laplace, assessed.linear, assessed.errors, along, problem)
     return replace(assessed, along=along, density=density, point=point)

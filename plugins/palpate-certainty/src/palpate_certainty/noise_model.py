@@ -391,21 +391,32 @@ class _Likelihood:
         # Sizes of the discrepancy, over the one expected, among which it is averaged.
         sizes = self.expected[i] * np.geomspace(0.02, 30.0, 25)
         sizes = sizes[sizes <= self.most[i]]
-        logs = np.log(sizes)
-        values = []
-        for size in sizes:
-            tried = squares.copy()
-            tried[len(self.parts) // 2 + i] = size**2
-            values.append(-self._loss(0.5 * np.log(tried), slopes=False)[0])
-        weights = np.exp(np.array(values) - max(values)) * np.gradient(logs)
+        logs, values = np.log(sizes), self._values(squares, i, sizes)
+        weights = np.exp(values - values.max()) * np.gradient(logs)
         weights /= weights.sum()
         most = float(np.interp(ASSUMED.not_excluded, np.cumsum(weights), sizes))
         return float(weights @ sizes**2), max(most**2, float(weights @ sizes**2))
 
-    def _loss(self, logs: FloatArray, slopes: bool = True) -> tuple[float, FloatArray]:
-        squares = np.exp(2.0 * logs)
+    def _values(self, squares: FloatArray, i: int, sizes: FloatArray) -> FloatArray:
+        """Logarithms (n,) of the likelihood at sizes of one channel's discrepancy, by one factorisation."""
+        place = len(self.parts) // 2 + i
+        others = np.where(np.arange(squares.size) == place, 0.0, squares)
+        root = np.linalg.cholesky(self._covariance(others))
+        part = scipy.linalg.solve_triangular(root, self.parts[place], lower=True)
+        own, axes = np.linalg.eigh(scipy.linalg.solve_triangular(root, part.T, lower=True))
+        along = axes.T @ scipy.linalg.solve_triangular(root, self.residuals, lower=True)
+        variances = 1.0 + sizes[:, None] ** 2 * np.maximum(own, 0.0)
+        values = -0.5 * (np.log(variances) + along**2 / variances).sum(axis=1)
+        return np.asarray(values + np.log(sizes) - 2.5 * np.log1p((sizes / self.expected[i]) ** 2 / 4.0))
+
+    def _covariance(self, squares: FloatArray) -> FloatArray:
         covariance = self.fixed + np.tensordot(squares, self.parts, axes=1)
         covariance[np.diag_indices_from(covariance)] += 1e-12 * np.trace(covariance) / len(covariance)
+        return np.asarray(covariance)
+
+    def _loss(self, logs: FloatArray) -> tuple[float, FloatArray]:
+        squares = np.exp(2.0 * logs)
+        covariance = self._covariance(squares)
         factor, white, is_bad = scipy.linalg.lapack.dposv(covariance, self.residuals, lower=1)
         if is_bad:
             raise np.linalg.LinAlgError("the covariance of the residuals is not positive definite")
@@ -414,8 +425,6 @@ class _Likelihood:
         ratio = squares[k:] / self.expected**2
         # Densities over the logarithm of a size: Student's with four degrees of freedom, times the size.
         value += float(np.sum(2.5 * np.log1p(ratio / 4.0) - logs[k:]))
-        if not slopes:
-            return value, logs
         half = np.tril(scipy.linalg.lapack.dpotri(factor, lower=1)[0])
         inverse = half + np.tril(half, -1).T
         gradient: FloatArray = squares * np.tensordot(self.parts, inverse - np.outer(white, white), axes=2)
