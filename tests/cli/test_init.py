@@ -13,7 +13,7 @@ from palpate.cli.init import own_study_text
 from palpate.cli.limb import look_into_mesh
 from palpate.cli.session import Session
 from palpate.errors import PluginError, StudyError
-from palpate.experiment.measured import load_measured
+from palpate.experiment.measured import load_measured, read_first
 from palpate.limb.loading import load_limbs, press_warnings
 from palpate.plugins.catalogue import Plugins
 from palpate.study.checks import unedited_warnings
@@ -415,7 +415,7 @@ def test_first_contact_of_a_sphere_on_skin_has_a_law_of_its_own(
     )
     law = re.compile(r"^\[experiment\.settings\.onset\]\nexponent = 1\.3   # CHANGE THIS: ", re.MULTILINE)
     assert [name for name, text in onsets.items() if law.search(text)] == ["skin"]
-    warned = []
+    warned, sd_mm = [], []
     for text in (
         onsets["skin"],
         re.sub(r"^\[experiment\.settings\.onset\]\n.*\n", "", onsets["skin"], flags=re.M),
@@ -423,6 +423,7 @@ def test_first_contact_of_a_sphere_on_skin_has_a_law_of_its_own(
         Path("skin/study.toml").write_text(text, encoding="utf-8")
         own = read_study("skin")
         warned.append([*press_warnings(own, load_limbs(own, to_show=True))])
+        sd_mm.append(read_first(own).record["uncertainty"]["depth_mm"])
     monkeypatch.setattr(type(own.loader_at(own.spot_names[0])), "press_warnings", lambda *_, **__: 1 / 0)
     with pytest.raises(PluginError, match="checking the press: 'robot_log'"):
         list(press_warnings(own, load_limbs(own, to_show=True)))
@@ -430,6 +431,11 @@ def test_first_contact_of_a_sphere_on_skin_has_a_law_of_its_own(
     assert "Set exponent = 1.3 under [experiment.settings.onset]" in warned[1][0]
     assert tomllib.loads(onsets["skin"])["experiment"]["settings"]["onset"] == {"exponent": 1.3}
     assert [name for name, text in onsets.items() if "exponent" in text] == ["skin"]
+    searched = {name: tomllib.loads(text)["fit"]["searched"] for name, text in onsets.items()}
+    assert [name for name, each in searched.items() if "depth_offset" in each] == ["skin", "muscles", "mixed"]
+    offset = searched["skin"]["depth_offset"]
+    assert float(offset["prior"].pop("sd").removesuffix(" mm")) == pytest.approx(sd_mm[0], rel=0.05)
+    assert offset == {"lower": "-1 mm", "upper": "1 mm", "prior": {"value": "0 mm"}}
     assert all("[budget]" in text for text in onsets.values())
 
 

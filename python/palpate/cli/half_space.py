@@ -13,6 +13,7 @@ from palpate.domain.material import IsotropicMaterial
 from palpate.errors import PalpateError
 from palpate.experiment.curve_checks import check_sizes, hertz_N, secant_young_MPa
 from palpate.experiment.measured import read_first
+from palpate.fit.parametrisation import StandardParametrisation
 from palpate.mechanics.homogeneous import MODES, nominal_stress
 from palpate.plugins.catalogue import Plugins
 from palpate.study.reading import Study, read_study
@@ -46,7 +47,7 @@ def with_own_ranges(file: Path, plugins: Plugins, ready: str) -> bool:
         study = read_study(file, plugins)
         measured = read_first(study)
         text = _with_scenarios(_with_motion(text, measured, borrowed), study, measured)
-        text = _with_depths(text, study, measured)
+        text = _with_contact(text, study, measured)
         file.write_text(text, encoding="utf-8")
         study = read_study(file, plugins)
         if isinstance(study.protocol, Indentation):  # a force a thousand times off gives no range
@@ -89,9 +90,8 @@ def _with_motion(text: str, measured: Response, borrowed: str) -> str:
     def table(found: re.Match[str]) -> str:
         keys = r"^(depth|twist) = .*\n"
         moved = re.sub(keys, lambda m: lines.get(m[1], m[0]), found[0], flags=re.MULTILINE)
-        if not friction:
-            return moved
-        return re.sub(r"^(friction = [^#\n]*?) *\n", rf"\1{friction}", moved, flags=re.MULTILINE)
+        named = r"^(friction = [^#\n]*?) *\n"
+        return re.sub(named, rf"\1{friction}", moved, flags=re.MULTILINE) if friction else moved
 
     return re.sub(r"^\[protocol\]\n(?:(?!\[).*\n?)*", table, text, flags=re.MULTILINE)
 
@@ -107,24 +107,32 @@ def _depth_of(measured: Response) -> str:
     return f'"{_rounded(deepest, min(_depth_error_mm(measured), DEPTHS_ALIKE * deepest)):.4g} mm"'
 
 
-def _with_depths(text: str, study: Study, measured: Response) -> str:
-    """Text where each other spot that was pressed to another depth than the first has it: there it is turned.
+def _with_contact(text: str, study: Study, measured: Response) -> str:
+    """Text where each spot has its own depth, and first contact of layers is searched.
 
     A spot whose file cannot be read is left to `palpate check`.
     """
     if FORCE.name not in measured:
         return text
-    deepest = measured[FORCE.name].abscissa.max()
+    deepest, sd_mm = measured[FORCE.name].abscissa.max(), _depth_error_mm(measured)
     for number, spot in enumerate(study.spots[1:], start=1):
         with suppress(PalpateError):
             there = read_first(study, number)
             if FORCE.name not in there:
                 continue
+            sd_mm = max(sd_mm, _depth_error_mm(there))
             if abs(there[FORCE.name].abscissa.max() - deepest) > DEPTHS_ALIKE * deepest:
                 head = rf'^\[\[spot\]\]\nname = "{re.escape(spot.spot.name)}"\n(?:(?!\[).+\n)*'
                 own = f"\n[spot.protocol]\ndepth = {_depth_of(there)}{AS_MEASURED}\n"
                 text = re.sub(head, lambda found, own=own: found[0] + own, text, flags=re.MULTILINE)  # type: ignore[misc]
-    return text
+    by, head = study.parametrisation, "\n[fit.searched]\n"
+    is_open = isinstance(by, StandardParametrisation) and by.settings.depth_offset is None
+    if not sd_mm or not is_open or len(study.space.regions) < 2:
+        return text
+    # Curves of soft layers bend so much with depth that slopes around a wrong first contact mislead.
+    most, known = f"{max(1.0, 3.0 * sd_mm):.3g} mm", f'prior = {{ value = "0 mm", sd = "{sd_mm:.2g} mm" }}'
+    line = f'depth_offset = {{ lower = "-{most}", upper = "{most}", {known} }}   # as your logs show it\n'
+    return text.replace(head, head + line) if head in text else f"{text.rstrip()}\n{head}{line}"
 
 
 def _rounded(value: float, within: float) -> float:
@@ -139,9 +147,7 @@ def _with_scenarios(text: str, study: Study, measured: Response) -> str:
     if not kept or len(kept) == len(study.scenarios):
         return text
     text = re.sub(r"^scenarios = \[[^\]]*\]", f"scenarios = {toml_value(kept)}", text, flags=re.MULTILINE)
-    if study.generalise_by in kept:
-        return text
-    return re.sub(r"^generalise_by = .*\n", "", text, flags=re.MULTILINE)
+    return text if study.generalise_by in kept else re.sub(r"(?m)^generalise_by = .*\n", "", text)
 
 
 def _tables(study: Study, measured: Response) -> Iterator[tuple[str, str]]:

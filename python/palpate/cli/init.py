@@ -318,15 +318,9 @@ def _from(folder: Path, file: Path) -> str:
 
 def _tables_of(text: str, without: Sequence[str] = OF_PRESSES) -> Iterator[str]:
     """Tables of a ready study, with their comments, that hold for other presses too."""
-    block: list[str] = []
-    for line in (*text.splitlines(), "[end]"):
-        if line.startswith("["):
-            head = block[0].strip("[]").partition(".")[0] if block else without[0]
-            if head not in without:
-                yield "\n".join(block).strip() + "\n"
-            block = []
-        if block or line.startswith("["):
-            block.append(line)
+    for block in re.split(r"^(?=\[)", text, flags=re.MULTILINE)[1:]:
+        if re.split(r"[\].]", block.lstrip("["), maxsplit=1)[0] not in without:
+            yield block.strip() + "\n"
 
 
 def copy_study(source: Path, folder: Path) -> None:
