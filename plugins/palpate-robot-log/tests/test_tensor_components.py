@@ -45,6 +45,24 @@ def test_a_component_of_a_tensor_has_the_measure_of_its_letters(
         assert (found.abscissa.max(), found.ordinate.max()) == pytest.approx((1.2, 0.012), rel=1e-4)
 
 
+@pytest.mark.parametrize(
+    ("names", "is_open"),
+    [
+        ("LE11,S22 (kPa)", True),
+        ("Strain X (%),Stress Y (kPa)", True),
+        ("Shear strain xy,Stress xx (kPa)", True),
+        ("lambda_1,nominal stress P22 (kPa)", True),
+        ("Transverse strain,Axial stress (kPa)", True),
+        ("Strain 1,Nominal stress xx (kPa)", False),
+        ("Green strain E11,PK2 stress (kPa)", False),
+        ("Strain,Stress yy (kPa)", False),
+    ],
+)
+def test_components_along_two_axes_are_asked_about(names: str, *, is_open: bool, tmp_path: Path) -> None:
+    (tmp_path / "t.csv").write_bytes(of_text(names, STRAIN, STRESS_KPA))
+    assert ("are of two directions" in proposed(tmp_path / "t.csv")[1]) == is_open
+
+
 @pytest.mark.parametrize("names", ["LE12,S12 (MPa)", "NE23,S23 (MPa)", "Exy,nominal stress Sxy (MPa)"])
 def test_a_shear_component_is_no_pull(names: str, tmp_path: Path) -> None:
     (tmp_path / "t.csv").write_bytes(of_text(names, STRAIN, STRESS_KPA))

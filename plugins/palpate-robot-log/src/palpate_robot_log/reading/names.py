@@ -25,6 +25,8 @@ _COMPOUND = ("kraft", "weg", "zeit", "dehnung", "spannung", "tiefe", "winkel", "
 _TABLES = tomllib.loads(files(__package__).joinpath("words.toml").read_text(encoding="utf-8"))
 _MEANINGS = {word: meaning for meaning, words in _TABLES["meanings"].items() for word in words.split()}
 """Meanings of words in other letters; a sign that is in none of them is a word of its own."""
+_AXES = re.compile(r"(?<![a-z])(?:[a-z]{0,8}?([xyz]{2})|([xyz])|(?!pk)[a-z_ .]*([123]{1,2}))(?![a-z\d])")
+"""Axes of a component, by letters or by numbers: Exx, Strain X, lambda_1, but not PK2."""
 _FOREIGN_WORD = re.compile("|".join([*sorted(_MEANINGS, key=len, reverse=True), r"[\u0370-\u04ff]+", "."]))
 
 
@@ -245,6 +247,13 @@ def _mode_of(words: Set[str]) -> str:
     return "confined_compression" if "confined" in words and "unconfined" not in words else "uniaxial"
 
 
+def _direction_of(column: Column) -> Set[str]:
+    """Axes of a component by its name, x as 1, and words of a direction across the specimen."""
+    label = plain_letters(unit_in(column.name)[0]).lower()
+    axes = ["".join(sorted({*"".join(found)})) for found in _AXES.findall(label)]
+    return {axis.translate(str.maketrans("xyz", "123")) for axis in axes[-1:]} | (WORDS["across"] & {*words_of(column.name)})
+
+
 def _kinds_in(stated: Set[str]) -> list[Set[str]]:
     """Words of each kind of test in the text above the names; a uniaxial one is of either sense."""
     pulled, pushed = WORDS["tensile_test"], WORDS["compressive"] | {"confined", "unconfined"}
@@ -262,6 +271,10 @@ def _measures_of(
         for column, words in ((strain, along), (stress, of))
         for word in sorted(words & WORDS["not_converted"])
     ]
+    ways = [_direction_of(column) for column in (strain, stress)]
+    if WORDS["across"] & (ways[0] ^ ways[1]) or (all(ways) and ways[0] != ways[1]):
+        ask = "are of two directions; give strain and stress along one axis"
+        questions.append(f"{strain.name}, {stress.name}: {ask}")
     measure, kind = (
         ["" if name == "nominal" else name for name, words in _MEASURES[of_which].items() if words & names]
         for of_which, names in (("strain", along), ("stress", of))
