@@ -160,6 +160,15 @@ def test_a_faulty_log_is_named(name):
     assert str(caught.value).startswith("robot_p1.csv: ")
 
 
+@pytest.mark.parametrize("jump_N", [1.0, -2.0, 4.0])
+@pytest.mark.parametrize("seconds", [3.0, 4.85, 5.0, 16.0, 33.0])
+def test_a_zero_that_shifts_for_good_is_no_drift(seconds, jump_N):
+    """While the tool goes in, at its deepest point, in the rests, and on the way back."""
+    jumps = (log().time_s > seconds)[:, None] * np.array([0.0, 0.0, jump_N])
+    with pytest.raises(CurveError, match="is .* off when .*: the sensor was zeroed in contact"):
+        process(log().changed(force_N=log().force_N + jumps), logs.settings())
+
+
 @pytest.mark.parametrize("seconds", [2.0, 7.0, 12.45, 26.0, 30.4, 32.0])
 def test_a_log_that_stops_in_motion_is_refused_without_drift_too(seconds):
     with pytest.raises(CurveError, match="half-way"):

@@ -52,35 +52,33 @@ def is_back(track: Recording) -> bool:
 def jump_of_zero(track: Recording, force_N: FloatArray, least_N: float) -> Iterator[Found]:
     """Jump of the force (n, 3) in the base frame while the tip rests, as a share of the largest change.
 
-    Jumps below ``least_N`` are noise. While the tip moves, a jump counts by which the force is off once the
-    tool is back at its height.
+    Jumps below ``least_N`` are noise. Where the tool comes back to its height, a jump counts by which the
+    force is off there, from a tenth of the share on, as drift explains no jump.
     """
     n_rows = track.n_rows
     if n_rows < 4 * _WINDOW:
         return
     level = median_filter(force_N, size=(_WINDOW, 1), mode="nearest")
     half, before = _WINDOW // 2, np.arange(_WINDOW - 1, n_rows - _WINDOW)
-    jumps = np.linalg.norm(level[before + half + 1] - level[before - half], axis=1)
+    steps = np.diff(force_N, axis=0)
+    trend = median_filter(steps, size=(2 * _WINDOW + 1, 1), mode="nearest")[before]
+    jumps = np.linalg.norm(level[before + half + 1] - level[before - half] - _WINDOW * trend, axis=1)
     moved_mm = track.position_mm[before + _WINDOW] - track.position_mm[before - _WINDOW + 1]
     # A jump to another level, within one step.
-    jumps = np.minimum(jumps, np.linalg.norm(force_N[before + 1] - force_N[before], axis=1))
+    jumps = np.minimum(jumps, np.linalg.norm(steps[before] - trend, axis=1))
     is_still, ends_back = np.linalg.norm(moved_mm, axis=1) < 0.03, is_back(track)
-    at_rest = jumps * is_still
-    at = int(np.argmax(at_rest if at_rest.max() >= least_N or not ends_back else jumps))
-    row, jump_N = int(before[at]), float(jumps[at])
     n_ends = max(n_rows // 50, _WINDOW)
     begin, end = (np.median(part, axis=0) for part in (force_N[:n_ends], force_N[-n_ends:]))
-    off, off_N = "", float(np.linalg.norm(end - begin))
-    if ends_back:
-        off = f", and is {off_N:.3g} N off when the tool is back at its height"
-    is_same = not off or abs(off_N - jump_N) <= 0.3 * jump_N
-    if is_same and jump_N >= least_N:
+    off_N = float(np.linalg.norm(end - begin))
+    at = int(np.argmin(np.abs(jumps - off_N)) if ends_back else np.argmax(jumps * is_still))
+    jump_N = float(jumps[at])
+    if jump_N >= least_N and (not ends_back or abs(off_N - jump_N) <= 0.2 * jump_N):
         largest = float(np.linalg.norm(force_N - begin, axis=1).max())
         yield found(
-            jump_N / max(largest, 1e-300),
-            row + 1,
+            jump_N / max(largest, 1e-300) * (10.0 if ends_back else 1.0),
+            int(before[at]) + 1,
             jump_N=jump_N,
-            off=off,
+            off=f", and is {off_N:.3g} N off when the tool is back at its height" if ends_back else "",
             moves="rests" if is_still[at] else "moves",
         )
 

@@ -25,8 +25,6 @@ _COMPOUND = ("kraft", "weg", "zeit", "dehnung", "spannung", "tiefe", "winkel", "
 _TABLES = tomllib.loads(files(__package__).joinpath("words.toml").read_text(encoding="utf-8"))
 _MEANINGS = {word: meaning for meaning, words in _TABLES["meanings"].items() for word in words.split()}
 """Meanings of words in other letters; a sign that is in none of them is a word of its own."""
-_AXES = re.compile(r"(?<![a-z])(?:[a-z]{0,8}?([xyz]{2})|([xyz])|(?!pk)[a-z_ .]*([123]{1,2}))(?![a-z\d])")
-"""Axes of a component, by letters or by numbers: Exx, Strain X, lambda_1, but not PK2."""
 _FOREIGN_WORD = re.compile("|".join([*sorted(_MEANINGS, key=len, reverse=True), r"[\u0370-\u04ff]+", "."]))
 
 
@@ -250,7 +248,7 @@ def _mode_of(words: Set[str]) -> str:
 def _direction_of(column: Column) -> Set[str]:
     """Axes of a component by its name, x as 1, and words of a direction across the specimen."""
     label = plain_letters(unit_in(column.name)[0]).lower()
-    axes = ["".join(sorted({*"".join(found)})) for found in _AXES.findall(label)]
+    axes = ["".join(sorted({*"".join(found)})) for found in re.findall(_TABLES["axes"]["pattern"], label)]
     return {axis.translate(str.maketrans("xyz", "123")) for axis in axes[-1:]} | (WORDS["across"] & {*words_of(column.name)})
 
 
