@@ -312,8 +312,8 @@ def _curves() -> Mapping[str, Callable[[], Layout]]:
             ['"Type of Test","Tensile - Round"', "", "Time,Extension,Load", "(s),(mm),(N)", *rows(SECONDS, DEPTH, FORCE)], "question"),
         "specimen by its sizes": lambda: made(
             ['"Épaisseur éprouvette",1,"mm"', '"Largeur éprouvette",5.96,"mm"', '"L0 - course standard",25,"mm"', '"Opérateur",""',
-             '"Temps","Traverse absolue","Force standard","Course standard"', '"s","mm","N","mm"', *rows(SECONDS, DEPTH - 794.864, 20.0 + FORCE, DEPTH)],
-            "question", "txt", "latin-1"),
+             '"Temps","Traverse absolue","Force standard","Course standard"', '"s","mm","N","mm"', *rows(SECONDS, 25.0 * STRAIN - 794.864, 5.96e-3 * STRESS_KPA, 25.0 * STRAIN)],
+            "uniaxial", "txt", "latin-1"),
         "absolute and relative way": lambda: made(
             ["Time,Crosshead absolute,Standard force,Standard travel", "s,mm,N,mm", *rows(SECONDS, DEPTH - 755.377, FORCE, DEPTH)], "curve", "txt"),
         "bending by its preamble": lambda: made(

@@ -65,7 +65,6 @@ QUESTIONS = {
     "a unit in capitals that leaves it open": "the file gives 'MN?', which is no unit of force",
     "FemtoTools": "force: Force A [uN] or Force B [uN]? name one",
     "tension by its preamble": "give both scales, by the length and the area of the specimen",
-    "specimen by its sizes": "give both scales, by the length and the area of the specimen",
     "bending by its preamble": "the file states a bending test",
     "bending": "palpate does not convert a measure 'flexure'",
     "amplitudes of an oscillation": "amplitudes of an oscillation are no curve",

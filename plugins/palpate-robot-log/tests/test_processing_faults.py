@@ -165,7 +165,7 @@ def test_a_faulty_log_is_named(name):
 def test_a_zero_that_shifts_for_good_is_no_drift(seconds, jump_N):
     """While the tool goes in, at its deepest point, in the rests, and on the way back."""
     jumps = (log().time_s > seconds)[:, None] * np.array([0.0, 0.0, jump_N])
-    with pytest.raises(CurveError, match="is .* off when .*: the sensor was zeroed in contact"):
+    with pytest.raises(CurveError, match=r"is .* off when .*: the sensor was zeroed in contact"):
         process(log().changed(force_N=log().force_N + jumps), logs.settings())
 
 

@@ -235,7 +235,7 @@ def test_a_curve_is_read_in_its_words(names: str, times: tuple[float, float], tm
 def test_sizes_above_the_names_are_of_a_specimen(tmp_path: Path) -> None:
     path = written(tmp_path / "t.csv", "Extension (mm),Load (N)", STRETCH - 1.0, NOMINAL)
     path.write_text("Gauge length (mm),20\nOperator,A\n\n" + path.read_text())
-    assert "the length and the area of the specimen" in inspect_log(path).record["problem"]
+    assert "give scale, by the area of the specimen" in inspect_log(path).record["problem"]
 
 
 @pytest.mark.parametrize(

@@ -189,7 +189,7 @@ class TextTable:
             self._rows = _blocks(lines, self.layout)[0]
         self._after = self._rows["line"].filter(self._rows["line"] > self.blocks[-1][1])
         self._rows = self._rows.filter(pl.col("line").is_between(*self.blocks[self.block - 1]))
-        self.preamble = " ".join(lines["text"].head((self.layout.header_line or self.layout.first_line) - 1))
+        self.preamble = "\n".join(lines["text"].head((self.layout.header_line or self.layout.first_line) - 1))
         # Cell of each column, and place in its list, by name; a name that occurs twice is left out.
         self._columns: dict[str, tuple[int, int | None]] = {}
         names = self.layout.names[: period_of(self.layout.names)]

@@ -148,6 +148,7 @@ def _log(
     found, passed_over = [*notes], list[str]()
     arrays = [each for name, value in values.items() for each in _arrays_in(name, value, found)]
     texts = {name.lower(): text for name, array in arrays if (text := _text_of(array))}
+    alone = [f"{name}: {array.item()}" for name, array in arrays if array.size == 1 and array.ndim < 3]
     for name, array in arrays:
         matrix = _upright(array)
         if matrix is None:
@@ -177,7 +178,14 @@ def _log(
         Stream.of(columns.values(), name=f"{n_rows} rows" if len(by_length) > 1 else "")
         for n_rows, columns in by_length.items()
     )
-    return RawLog(source=str(path), format=file_format, row_word="row", streams=streams, notes=tuple(found))
+    return RawLog(
+        source=str(path),
+        format=file_format,
+        row_word="row",
+        streams=streams,
+        notes=tuple(found),
+        preamble="\n".join(alone),
+    )
 
 
 def _text_of(array: np.ndarray) -> list[str]:
@@ -291,6 +299,8 @@ def read_json(path: Path) -> RawLog:
         frame = pl.DataFrame(flat, infer_schema_length=None)
         names = [name for name, dtype in frame.schema.items() if _is_numeric(dtype)]
         others = [f"{name} ({dtype})" for name, dtype in frame.schema.items() if name not in names]
+        texts = [of for of in frame if of.dtype == pl.String and of.n_unique() == 1]  # a unit in each row
+        described |= {of.name: np.asarray(of[:1]) for of in texts}
         return _of_frame(path, "JSON", frame.select(names), others, described)
 
 

@@ -249,7 +249,9 @@ def _direction_of(column: Column) -> Set[str]:
     """Axes of a component by its name, x as 1, and words of a direction across the specimen."""
     label = plain_letters(unit_in(column.name)[0]).lower()
     axes = ["".join(sorted({*"".join(found)})) for found in re.findall(_TABLES["axes"]["pattern"], label)]
-    return {axis.translate(str.maketrans("xyz", "123")) for axis in axes[-1:]} | (WORDS["across"] & {*words_of(column.name)})
+    return {axis.translate(str.maketrans("xyz", "123")) for axis in axes[-1:]} | (
+        WORDS["across"] & {*words_of(column.name)}
+    )
 
 
 def _kinds_in(stated: Set[str]) -> list[Set[str]]:

@@ -29,6 +29,7 @@ from palpate_robot_log.reading.names import (
 )
 from palpate_robot_log.reading.proposal import Entry, Proposal, validated
 from palpate_robot_log.reading.raw import RawLog
+from palpate_robot_log.reading.specimen import sizes_in
 from palpate_robot_log.robot_log import ColumnsLoader
 
 _ROLES = {"force": ("travel", "force"), "torque": ("angle", "moment")}
@@ -59,10 +60,10 @@ def spans_of(curves: Mapping[str, Curve]) -> str:
 def curves_of(log: RawLog, *, has_place: bool = False) -> Proposal | None:
     """Settings for the curves of a press, or a homogeneous test, in a table; None where it has neither."""
     columns = [column for stream in log.streams for column in stream.columns.values()]
-    words = words_of(log.preamble)
+    words, sizes = words_of(log.preamble.replace("\n", " ")), sizes_in(log.preamble)
     stated = {*words, *map("".join, pairwise(words))}
-    found = _homogeneous(columns, stated) or _curves(columns, _test_in(stated))
-    found = found or (None if has_place else _unnamed(columns))
+    found = _homogeneous(columns, stated) or _curves(columns, _test_in(stated, sizes), sizes)
+    found = found or (None if has_place else _unnamed(columns, sizes))
     if found is None:
         return None
     # The loader finds the separator by itself.
@@ -93,7 +94,7 @@ def curves_by(proposal: Proposal, path: Path) -> Mapping[str, Curve]:
     return kind(validated(kind.Settings, proposal.settings)).load(path, proposal.test or None).curves
 
 
-def _unnamed(columns: Sequence[Column]) -> Proposal | None:
+def _unnamed(columns: Sequence[Column], sizes: Mapping[str, float]) -> Proposal | None:
     """Question for what a few columns lack to be a curve; a robot's log has more columns."""
     if not 2 <= len(columns) < _FEWEST_OF_ROBOT:
         return None
@@ -102,7 +103,7 @@ def _unnamed(columns: Sequence[Column]) -> Proposal | None:
     for words, are in (("oscillation", "amplitudes of an oscillation are"), ("inflation", "an inflation is")):
         if WORDS[words] & every and pick(columns, "force") is None:
             return Proposal(questions=(f"{', '.join(names)}: {are} no curve; give a test of loading",))
-    if (specimen := _specimen(columns)) is not None:
+    if (specimen := _specimen(columns, sizes)) is not None:
         return specimen
     unread = [c for c in columns if c.note and has_role(words_of(c.name)) and not np.isfinite(c.values).any()]
     if unread:
@@ -139,17 +140,20 @@ def _unit_of(one: Picked, role: str) -> tuple[str, str]:
     return f"{one.column.name} {ask}", ""
 
 
-def _test_in(stated: Set[str]) -> str:
+def _test_in(stated: Set[str], sizes: Mapping[str, float]) -> str:
     """Test other than a press in the words above the names, also by two sizes of a specimen."""
-    if stated & (WORDS["compressive"] | WORDS["press"]):
+    if stated & WORDS["press"]:
         return ""
-    by_sizes = "tensile_test" if len(stated & WORDS["sizes"]) > 1 else ""
+    if stated & WORDS["compressive"]:
+        return "compression" if len(sizes) > 1 or stated & {"confined", "unconfined"} else ""
+    found = [size for size in WORDS["sizes"] if any(word.endswith(size) for word in stated)]
+    by_sizes = "tensile_test" if len(found) > 1 else ""
     return next(
         (test for test in ("shear", "tensile_test", "bending_test") if stated & WORDS[test]), by_sizes
     )
 
 
-def _curves(columns: Sequence[Column], stated: str) -> Proposal | None:
+def _curves(columns: Sequence[Column], stated: str, sizes: Mapping[str, float]) -> Proposal | None:
     channels, remarks, questions = dict[str, dict[str, Any]](), list[str](), list[str]()
     for channel, roles in _ROLES.items():
         along, of = (pick(columns, role) for role in roles)
@@ -188,7 +192,7 @@ def _curves(columns: Sequence[Column], stated: str) -> Proposal | None:
         ask = "the file states a bending test: give a press, or stress and strain of a specimen"
         return Proposal(test="uniaxial", questions=(ask,))
     if FORCE.name in channels and (mode := _mode_of(columns, stated)):
-        return _specimen(columns, mode)
+        return _specimen(columns, sizes, mode, is_pushed=stated == "compression")
     return Proposal(entries=_entries(channels), remarks=tuple(remarks), questions=tuple(questions))
 
 
@@ -211,21 +215,29 @@ def _mode_of(columns: Sequence[Column], stated: str) -> str:
         unit, far = way.column.shown_unit, np.nanmax(abs(way.column.values - way.column.values[0]))
         alike = [c for c in columns if unit and c.shown_unit == unit and "size" in words_of(c.name)]
         sizes = [np.nanmax(column.values - column.values[0]) for column in alike]
-        is_pulled |= stated == "tensile_test" or any(far / 2.0 < size < 2.0 * far for size in sizes)
+        is_pulled |= stated in ("tensile_test", "compression") or any(
+            far / 2.0 < size < 2.0 * far for size in sizes
+        )
     return "uniaxial" if is_pulled else ""
 
 
-_SIZES: Mapping[str, tuple[str, str, str]] = {
-    "abscissa": ("strain", "travel", "length in mm"),
-    "ordinate": ("stress", "force", "area in mm²"),
+_SIZES: Mapping[str, tuple[str, str, str, str]] = {
+    "abscissa": ("strain", "travel", "length", "mm"),
+    "ordinate": ("stress", "force", "area", "mm²"),
 }
 """Roles of a specimen's test: what a size of the specimen makes of what."""
 
 
-def _specimen(columns: Sequence[Column], mode: str = "uniaxial") -> Proposal | None:
-    """Test of a specimen by strain and stress, or by travel and force, whose scales are asked for."""
-    channels, sizes = dict[str, Any](), list[str]()
-    for key, (role, instead, size) in _SIZES.items():
+def _specimen(
+    columns: Sequence[Column], sizes: Mapping[str, float], mode: str = "uniaxial", *, is_pushed: bool = False
+) -> Proposal | None:
+    """Test of a specimen by strain and stress, or by travel and force with the sizes of the specimen.
+
+    Sizes that the file does not state are asked for.
+    """
+    channels, unknown, remarks = dict[str, Any](), list[str](), list[str]()
+    sizes = sizes if mode == "uniaxial" else {}
+    for key, (role, instead, size, unit) in _SIZES.items():
         offset = 1.0 if key == "abscissa" and mode == "uniaxial" else 0.0
         if role == "strain" and (found := pick(columns, "stretch")) is not None:
             load = pick(columns, "stress") or pick(columns, "force")
@@ -233,14 +245,30 @@ def _specimen(columns: Sequence[Column], mode: str = "uniaxial") -> Proposal | N
         elif (found := pick(columns, role)) is not None:
             channels[key] = _column(found, offset=offset)
         elif (found := pick(columns, instead)) is not None and found.factor is not None:
-            channels[key] = {"name": found.column.name, "scale": f"1 / {size}"}
+            if size in sizes:
+                x = found.column.values[np.isfinite(found.column.values)]
+                sense = (
+                    np.sign(x[np.argmax(abs(x - x[0]))] - x[0]) * (-1.0 if is_pushed else 1.0) / sizes[size]
+                )
+                channels[key] = _column(found, sense, offset - offset * sense * found.factor * float(x[0]))
+                of = f"the {size} of {sizes[size]:g} {unit} that the file states"
+                remarks.append(f"check {found.column.name}: it is divided by {of}")
+                continue
+            channels[key] = {"name": found.column.name, "scale": f"1 / {size} in {unit}"}
             channels[key] |= {"offset": offset} if offset else {}
-            sizes.append(size.partition(" ")[0])
+            unknown.append(size)
     if len(channels) < len(_SIZES):
         return None
-    scales = "both scales" if len(sizes) > 1 else "scale"
-    ask = f"a test of a specimen: give {scales}, by the {' and the '.join(sizes)} of the specimen"
-    return Proposal(entries=_entries({mode: channels}), test=mode, questions=(ask,) if sizes else ())
+    scales = "both scales" if len(unknown) > 1 else "scale"
+    ask = f"a test of a specimen: give {scales}, by the {' and the '.join(unknown)} of the specimen"
+    way = pick(columns, "travel")
+    rows, more = _loading(way.column) if remarks and way else ({}, [])
+    return Proposal(
+        entries=_entries({mode: channels | rows}),
+        test=mode,
+        remarks=(*remarks, *more),
+        questions=(ask,) if unknown else (),
+    )
 
 
 def _column(one: Picked, times: float = 1.0, offset: float = 0.0) -> str | dict[str, Any]:
