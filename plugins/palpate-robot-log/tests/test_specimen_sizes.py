@@ -1,3 +1,4 @@
+# ruff: noqa: E501 - a line of a layout is a line here
 """Sizes of a specimen that a file states scale its force and travel, or the missing one is asked for."""
 
 import json

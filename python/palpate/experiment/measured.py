@@ -3,6 +3,7 @@
 import math
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, replace
+from itertools import combinations
 from pathlib import Path
 
 import numpy as np
@@ -81,6 +82,12 @@ def load_measured(study: Study, channels: Mapping[str, Channel]) -> dict[str, Re
 def load_presses(study: Study, channels: Mapping[str, Channel]) -> dict[str, Presses]:
     """Read every file of each spot; raises as :func:`load_measured`."""
     every = {spot.spot.name: _load_spot(study, spot, channels) for spot in study.spots}
+    specimens = dict[str, Response]()
+    for name, each in every.items():
+        _check_apart(each.responses)
+        if study.protocol_at(name) is None:
+            specimens |= {f"{file} of spot '{name}'": found for file, found in each.responses.items()}
+    _check_apart(specimens)
     _check_parametrisation(study, every)
     _check_phases(study, every, channels)
     return _checked_weights(study, every)
@@ -230,6 +237,17 @@ def _check_response(
     except PalpateError as error:
         raise CurveError(f"{path}: spot '{spot.spot.name}': {error}") from error
     return found
+
+
+def _check_apart(presses: Mapping[str, Response]) -> None:
+    """Refuse a press whose numbers are those of an earlier one: it would count twice."""
+    for (file, one), (again, other) in combinations(presses.items(), 2):
+        if {*one} == {*other} and all(
+            np.array_equal(curve.abscissa, other[name].abscissa)
+            and np.array_equal(curve.ordinate, other[name].ordinate)
+            for name, curve in one.curves.items()
+        ):
+            raise CurveError(f"{again}: it has the numbers of {file} and would count twice; list one of them")
 
 
 def _check_alike(spot: StudySpot, presses: Mapping[str, Response]) -> None:
@@ -382,10 +400,11 @@ def _departures(
         if abs(times / factor - 1.0) < 0.03:
             if high > {"mm": 200.0, "deg": 720.0}.get(written_unit, math.inf):  # no tool goes so far
                 yield f"{covered}, {times:.3g} times as far; correct the unit in [protocol]"
+            is_open = written_unit != "mm" or most > 0.05  # less is no depth of a limb
             yield (
                 f"{covered}, {times:.3g} times as far, as if the file were in {other}: with loader csv, set "
-                f"scale = {factor:g} in channels.{curve.channel}.abscissa of [experiment.settings], or check "
-                "the unit in [protocol]"
+                f"scale = {factor:g} in channels.{curve.channel}.abscissa of [experiment.settings]"
+                f"{', or check the unit in [protocol]' * is_open}"
             )
     if least > low + slack or most < high - slack:
         remedy = _placed(curve, asked, slack) or _as_measured(curve, channel.abscissa, asked, slack)

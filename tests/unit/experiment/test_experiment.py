@@ -127,6 +127,14 @@ def test_a_repeat_that_lacks_a_channel_is_named(make_study, plugins):
         load_measured(pressed_again(study, scaled(path, 1.0, drop="torque")), plugins.channels)
 
 
+def test_a_press_that_is_listed_twice_is_named(make_study, plugins):
+    study = make_study()
+    (path,) = study.spots[0].measured[None]
+    for again in (path, scaled(path, 1.0)):  # the same file, and a copy
+        with pytest.raises(CurveError, match=r"it has the numbers of p1\.csv and would count twice"):
+            load_measured(pressed_again(study, again), plugins.channels)
+
+
 def test_each_spot_may_have_another_protocol_and_loader(make_study, plugins, tissue):
     class Doubling(tissue.Table):
         def load(self, path, channel=None):
