@@ -18,10 +18,10 @@ ROOT = Path(__file__).parents[2]
 LONGEST_FILE = 500
 LONGEST_FUNCTION = 45
 MOST = {
-    "lines": 78_369,
+    "lines": 78_364,
     "lines of the core": 33_500,
     "classes": 650,
-    "constants": 691,
+    "constants": 689,
     "long files": 0,
     "long functions": 6,
     "docstrings without a noun first": 0,

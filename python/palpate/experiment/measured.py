@@ -240,7 +240,7 @@ def _check_response(
 
 
 def _check_apart(presses: Mapping[str, Response]) -> None:
-    """Refuse a press whose numbers are those of an earlier one: it would count twice."""
+    """Refuse a press with the numbers of an earlier one: it would count twice."""
     for (file, one), (again, other) in combinations(presses.items(), 2):
         if {*one} == {*other} and all(
             np.array_equal(curve.abscissa, other[name].abscissa)

@@ -1,8 +1,10 @@
 """Reads what FEBio said: its log, and the last of what it printed."""
 
 import re
+import tomllib
 from collections.abc import Iterator
 from dataclasses import dataclass
+from importlib.resources import files
 
 GOOD_BANNER = "N O R M A L   T E R M I N A T I O N"
 BAD_BANNER = "E R R O R   T E R M I N A T I O N"
@@ -10,69 +12,11 @@ BAD_BANNER = "E R R O R   T E R M I N A T I O N"
 LONGEST_LINE = 1000
 """Characters of a line that are looked at: patterns that take quadratic time stay fast on them."""
 
-_REASONS: tuple[tuple[re.Pattern[str], str, str], ...] = tuple(
-    (re.compile(pattern, re.IGNORECASE | re.MULTILINE), name, remedy)
-    for pattern, name, remedy in (
-        (
-            r"negative jacobian[^\n]*",
-            "negative Jacobian",
-            "an element turned inside out: smaller steps, a finer mesh at the spot, or a stabler material",
-        ),
-        (
-            r"NAN detected in (?:residual|solution)[^\n]*",
-            "not a number",
-            "the material or the contact broke down: smaller steps",
-        ),
-        (
-            r"max(?:\.|imum)? ?(?:nr|number) of reformations reached[^\n]*",
-            "too many reformations",
-            "the step did not balance: another of the fallbacks, or smaller steps",
-        ),
-        (
-            r"^[^\n]*(?:invalid|missing|unknown|unrecognized|duplicate)[^\n]*"
-            r"(?:tag|attribute|value|version|section)[^\n]*",
-            "deck refused",
-            "FEBio does not know something in the deck: compare its version with the deck's",
-        ),
-        (
-            r"(?:fatal error|xml error|syntax error|unmatched|failed (?:opening|reading))[^\n]*",
-            "deck not read",
-            "this FEBio cannot read the deck: compare its version with the deck's",
-        ),
-        (
-            r"(?:license|licence)[^\n]*",
-            "licence",
-            "FEBio or one of its plugins has no licence: start it by hand to see which",
-        ),
-        (
-            r"(?:failed (?:to )?load(?:ing)?|error loading)[^\n]*plugin[^\n]*|plugin[^\n]*(?:failed|not "
-            r"found)[^\n]*",
-            "plugin",
-            "FEBio could not load a plugin: palpate starts it with -noconfig, so look at the deck",
-        ),
-        (
-            r"linear solver[^\n]*(?:failed|error|not)[^\n]*|(?:unknown|invalid) (?:linear )?solver "
-            r"type[^\n]*",
-            "linear solver",
-            "name a linear solver that this FEBio was built with, in the setting linear_solver",
-        ),
-        (
-            r"memory allocation failure[^\n]*|failed allocating[^\n]*|bad_alloc",
-            "out of memory",
-            "fewer jobs at once, or a coarser mesh",
-        ),
-        (
-            r"model initialization failed[^\n]*|no step defined[^\n]*|zero diagonal[^\n]*",
-            "model refused",
-            "FEBio read the deck and could not start: look at the deck and log that keep_folder keeps",
-        ),
-        (
-            r"max\.? nr of retries reached[^\n]*",
-            "too many retries",
-            "the step did not balance however short: another of the fallbacks, or a finer mesh",
-        ),
-    )
+_REASONS = tuple(
+    (re.compile(each["pattern"], re.IGNORECASE | re.MULTILINE), each["name"], each["remedy"])
+    for each in tomllib.loads(files(__package__).joinpath("reasons.toml").read_text("utf-8"))["reason"]
 )
+"""Patterns, names and remedies of the reasons why a run fails, a cause before its consequences."""
 
 
 @dataclass(frozen=True, slots=True)

@@ -148,7 +148,6 @@ def _log(
     found, passed_over = [*notes], list[str]()
     arrays = [each for name, value in values.items() for each in _arrays_in(name, value, found)]
     texts = {name.lower(): text for name, array in arrays if (text := _text_of(array))}
-    alone = [f"{name}: {array.item()}" for name, array in arrays if array.size == 1 and array.ndim < 3]
     for name, array in arrays:
         matrix = _upright(array)
         if matrix is None:
@@ -156,9 +155,8 @@ def _log(
                 passed_over.append(f"'{name}' {array.shape} of {array.dtype}")
             continue
         n_columns, first = matrix.shape[1], 1 if pattern is _MATLAB_NAME else 0
-        names = [name]
-        if n_columns > 1 or (array.ndim > 1 and pattern is _POLARS_NAME):
-            names = [pattern.format(name, k) for k in range(first, first + n_columns)]
+        is_many = n_columns > 1 or (array.ndim > 1 and pattern is _POLARS_NAME)
+        names = [pattern.format(name, k) for k in range(first, first + n_columns)] if is_many else [name]
         shown = _described(name, texts, _UNITS, n_columns) or [(units or {}).get(name, "")]
         shown = shown if shown[0] or n_columns == 1 else [unit_in(name)[1]]
         # Of several that fit no count of columns none is sure.
@@ -178,14 +176,9 @@ def _log(
         Stream.of(columns.values(), name=f"{n_rows} rows" if len(by_length) > 1 else "")
         for n_rows, columns in by_length.items()
     )
-    return RawLog(
-        source=str(path),
-        format=file_format,
-        row_word="row",
-        streams=streams,
-        notes=tuple(found),
-        preamble="\n".join(alone),
-    )
+    alone = "\n".join(f"{name}: {array.item()}" for name, array in arrays if array.size == 1)
+    log = RawLog(source=str(path), format=file_format, row_word="row", streams=streams, notes=tuple(found))
+    return replace(log, preamble=alone)
 
 
 def _text_of(array: np.ndarray) -> list[str]:

@@ -221,13 +221,6 @@ def _mode_of(columns: Sequence[Column], stated: str) -> str:
     return "uniaxial" if is_pulled else ""
 
 
-_SIZES: Mapping[str, tuple[str, str, str, str]] = {
-    "abscissa": ("strain", "travel", "length", "mm"),
-    "ordinate": ("stress", "force", "area", "mm²"),
-}
-"""Roles of a specimen's test: what a size of the specimen makes of what."""
-
-
 def _specimen(
     columns: Sequence[Column], sizes: Mapping[str, float], mode: str = "uniaxial", *, is_pushed: bool = False
 ) -> Proposal | None:
@@ -237,7 +230,8 @@ def _specimen(
     """
     channels, unknown, remarks = dict[str, Any](), list[str](), list[str]()
     sizes = sizes if mode == "uniaxial" else {}
-    for key, (role, instead, size, unit) in _SIZES.items():
+    roles = {"abscissa": ("strain", "travel", "length", "mm"), "ordinate": ("stress", "force", "area", "mm²")}
+    for key, (role, instead, size, unit) in roles.items():
         offset = 1.0 if key == "abscissa" and mode == "uniaxial" else 0.0
         if role == "strain" and (found := pick(columns, "stretch")) is not None:
             load = pick(columns, "stress") or pick(columns, "force")
@@ -257,7 +251,7 @@ def _specimen(
             channels[key] = {"name": found.column.name, "scale": f"1 / {size} in {unit}"}
             channels[key] |= {"offset": offset} if offset else {}
             unknown.append(size)
-    if len(channels) < len(_SIZES):
+    if len(channels) < len(roles):
         return None
     scales = "both scales" if len(unknown) > 1 else "scale"
     ask = f"a test of a specimen: give {scales}, by the {' and the '.join(unknown)} of the specimen"
