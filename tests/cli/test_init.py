@@ -428,7 +428,7 @@ def test_first_contact_of_a_sphere_on_skin_has_a_law_of_its_own(
     with pytest.raises(PluginError, match="checking the press: 'robot_log'"):
         list(press_warnings(own, load_limbs(own, to_show=True)))
     assert warned[0] == []
-    assert "Set exponent = 1.3 under [experiment.settings.onset]" in warned[1][0]
+    assert "Set exponent = 1.3 under [experiment.settings.onset], and search depth_offset" in warned[1][0]
     assert tomllib.loads(onsets["skin"])["experiment"]["settings"]["onset"] == {"exponent": 1.3}
     assert [name for name, text in onsets.items() if "exponent" in text] == ["skin"]
     searched = {name: tomllib.loads(text)["fit"]["searched"] for name, text in onsets.items()}

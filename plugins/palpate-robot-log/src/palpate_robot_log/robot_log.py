@@ -93,15 +93,12 @@ class RobotLogLoader(ExperimentLoader[RobotLogSettings]):
     def press_warnings(self, indenter: str, *, is_on_skin: bool) -> Iterator[str]:
         """Warnings about the default contact law where the press has another one."""
         onset = self.settings.onset
-        if (
-            onset.method == "law"
-            and "exponent" not in onset.model_fields_set
-            and indenter == "sphere"
-            and is_on_skin
-        ):
+        is_default = onset.method == "law" and "exponent" not in onset.model_fields_set
+        if is_default and indenter == "sphere" and is_on_skin:
             yield (
                 "first contact is found by the law of a sphere on one tissue. On skin over softer tissue "
-                "it is about 0.1 mm too early. Set exponent = 1.3 under [experiment.settings.onset]"
+                "it is about 0.1 mm too early. Set exponent = 1.3 under [experiment.settings.onset], and search "
+                "depth_offset under [fit.searched]"
             )
 
     def draw(self, path: Path, folder: Path, channel: str | None = None) -> tuple[Path, ...]:
