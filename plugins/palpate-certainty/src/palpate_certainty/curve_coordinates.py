@@ -77,14 +77,13 @@ def power_of(factor: float, change: float) -> float:
     change : float
         Relative change of the modulus that would change the curve as much if it were linear.
     """
-    least, most = -1.0, 1.0
 
     def error(power: float) -> float:
         return float(_power(np.array([factor]), np.array([power]))[0]) - change
 
-    if error(least) >= 0.0:
-        return least
-    return most if error(most) <= 0.0 else float(scipy.optimize.brentq(error, least, most))
+    if error(-1.0) >= 0.0:
+        return -1.0
+    return 1.0 if error(1.0) <= 0.0 else float(scipy.optimize.brentq(error, -1.0, 1.0))
 
 
 def _power(ratio: FloatArray, power: FloatArray) -> FloatArray:

@@ -92,5 +92,7 @@ def _power_at(assessed: Assessed, k: int, sd: float) -> float:
     # Change of a modulus within which no power shows: its range ends here.
     if there.residuals is None or abs(factors[k] - 1.0) < 0.01:
         return 1.0
-    moved = float(assessed.laplace.through[k] @ (linear.groups @ there.residuals - linear.residuals))
-    return power_of(float(factors[k]), moved * float(box.upper[k] - box.lower[k]) / float(values[k]))
+    moved = assessed.laplace.through[k] @ (linear.groups @ there.residuals - linear.residuals)
+    change = moved * (box.upper[k] - box.lower[k]) / values[k]
+    # No finer than one simulation tells: what is in proportion to a modulus stays linear.
+    return round(power_of(float(factors[k]), float(change)), 1)
