@@ -18,7 +18,7 @@ ROOT = Path(__file__).parents[2]
 LONGEST_FILE = 500
 LONGEST_FUNCTION = 45
 MOST = {
-    "lines": 78_364,
+    "lines": 78_363,
     "lines of the core": 33_500,
     "classes": 650,
     "constants": 689,

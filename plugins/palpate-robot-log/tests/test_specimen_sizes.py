@@ -3,9 +3,11 @@
 
 import json
 from pathlib import Path
+from zipfile import ZipFile
 
 import pytest
 
+from palpate.errors import CurveError
 from palpate_robot_log.reading.specimen import sizes_in
 
 from .layouts_of_makers import DEPTH, FORCE, SECONDS, STRAIN, STRESS_KPA, rows
@@ -108,3 +110,28 @@ def test_sizes_beside_arrays_count(tmp_path: Path) -> None:
     curves, problem = proposed(tmp_path / "t.json")
     assert curves is not None, problem
     assert curves["uniaxial"].ordinate.max() == pytest.approx(0.012)
+
+
+@pytest.mark.parametrize(
+    ("content", "message"),
+    [
+        (b"<?xml version='1.0'?><row depth='1'/>", "XML or YAML is not read; save .* its table as CSV"),
+        (b"<html><table><tr><td>1</td></tr></table></html>", "XML or YAML is not read"),
+    ],
+)
+def test_pages_are_named(content: bytes, message: str, tmp_path: Path) -> None:
+    (tmp_path / "t.dat").write_bytes(content)
+    with pytest.raises(CurveError, match=message):
+        proposed(tmp_path / "t.dat")
+
+
+def test_an_archive_is_named(tmp_path: Path) -> None:
+    with ZipFile(tmp_path / "t.zip", "w") as archive:
+        archive.writestr("press.csv", "depth_mm,force_N\n0,0\n")
+    with pytest.raises(CurveError, match="an archive of other files; unpack it"):
+        proposed(tmp_path / "t.zip")
+
+
+def test_a_moment_without_a_unit_that_is_too_small_is_asked_about(tmp_path: Path) -> None:
+    (tmp_path / "t.csv").write_text("\n".join(["Rotation (deg),Torque", *rows(DEPTH, 2.5e-3 * FORCE)]))
+    assert "Torque spans 0.02263 and shows no unit" in proposed(tmp_path / "t.csv")[1]

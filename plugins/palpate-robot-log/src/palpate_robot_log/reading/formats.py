@@ -5,6 +5,7 @@ from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from pathlib import Path
 from typing import Annotated
+from zipfile import is_zipfile
 
 from pydantic import Field
 
@@ -98,6 +99,8 @@ def _read(
         return read_bag(path, streams)
     if head.startswith(b"PAR1"):
         return column_files.read_parquet(path, columns)
+    if head.startswith(b"PK\x03\x04") and is_zipfile(path) and b".npy" not in head:
+        raise CurveError(f"{path}: an archive of other files; unpack it, and give the log in it")
     if head.startswith((b"\x93NUMPY", b"PK\x03\x04")):
         return column_files.read_numpy(path)
     if _HDF5_MAGIC in (head[:8], head[512:520]):
@@ -108,8 +111,9 @@ def _read(
         return column_files.read_tdms(path)
     if head.lstrip().startswith((b"{", b"[{")):
         return column_files.read_json(path)
-    if path.suffix.lower() in (".yaml", ".yml"):
-        raise CurveError(f"{path}: YAML is not read; save its fields as JSON, or its table as CSV")
+    is_markup = head.lstrip().lower().startswith((b"<?xml", b"<!doctype", b"<html", b"<table"))
+    if is_markup or path.suffix.lower() in (".yaml", ".yml"):
+        raise CurveError(f"{path}: XML or YAML is not read; save its fields as JSON, or its table as CSV")
     if head and path.suffix.lower() in _BINARY:
         raise CurveError(
             f"{path}: the {path.suffix} file is damaged or cut off at its beginning; save it again"

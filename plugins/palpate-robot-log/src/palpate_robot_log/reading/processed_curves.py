@@ -124,8 +124,8 @@ def _unnamed(columns: Sequence[Column], sizes: Mapping[str, float]) -> Proposal 
 # ------------------------------------------------------------------------ a press
 
 
-_PLAUSIBLE = {"travel": (0.02, 500.0), "force": (2e-3, 5e3)}
-"""Ranges of a travel [mm] and a force [N] beyond which a column without a unit is not in these."""
+_PLAUSIBLE = {"travel": (0.02, 500.0), "force": (2e-3, 5e3), "moment": (0.5, 1e5)}
+"""Ranges of a travel [mm], a force [N] and a moment [N·mm] beyond which a column is not in these units."""
 
 
 def _unit_of(one: Picked, role: str) -> tuple[str, str]:
@@ -147,10 +147,8 @@ def _test_in(stated: Set[str], sizes: Mapping[str, float]) -> str:
     if stated & WORDS["compressive"]:
         return "compression" if len(sizes) > 1 or stated & {"confined", "unconfined"} else ""
     found = [size for size in WORDS["sizes"] if any(word.endswith(size) for word in stated)]
-    by_sizes = "tensile_test" if len(found) > 1 else ""
-    return next(
-        (test for test in ("shear", "tensile_test", "bending_test") if stated & WORDS[test]), by_sizes
-    )
+    tests = [test for test in ("shear", "tensile_test", "bending_test") if stated & WORDS[test]]
+    return [*tests, *["tensile_test"] * (len(found) > 1), ""][0]
 
 
 def _curves(columns: Sequence[Column], stated: str, sizes: Mapping[str, float]) -> Proposal | None:
@@ -229,7 +227,6 @@ def _specimen(
     Sizes that the file does not state are asked for.
     """
     channels, unknown, remarks = dict[str, Any](), list[str](), list[str]()
-    sizes = sizes if mode == "uniaxial" else {}
     roles = {"abscissa": ("strain", "travel", "length", "mm"), "ordinate": ("stress", "force", "area", "mm²")}
     for key, (role, instead, size, unit) in roles.items():
         offset = 1.0 if key == "abscissa" and mode == "uniaxial" else 0.0
@@ -239,7 +236,7 @@ def _specimen(
         elif (found := pick(columns, role)) is not None:
             channels[key] = _column(found, offset=offset)
         elif (found := pick(columns, instead)) is not None and found.factor is not None:
-            if size in sizes:
+            if size in sizes and mode == "uniaxial":
                 x = found.column.values[np.isfinite(found.column.values)]
                 sense = (
                     np.sign(x[np.argmax(abs(x - x[0]))] - x[0]) * (-1.0 if is_pushed else 1.0) / sizes[size]
@@ -255,8 +252,7 @@ def _specimen(
         return None
     scales = "both scales" if len(unknown) > 1 else "scale"
     ask = f"a test of a specimen: give {scales}, by the {' and the '.join(unknown)} of the specimen"
-    way = pick(columns, "travel")
-    rows, more = _loading(way.column) if remarks and way else ({}, [])
+    rows, more = _loading(way.column) if remarks and (way := pick(columns, "travel")) else ({}, [])
     return Proposal(
         entries=_entries({mode: channels | rows}),
         test=mode,

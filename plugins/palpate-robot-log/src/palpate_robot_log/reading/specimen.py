@@ -28,12 +28,11 @@ def sizes_in(preamble: str) -> Mapping[str, float]:
                 values = (_measured(size, label, near) for near in (line[place + 1 :], below))
                 found.setdefault(size, set()).update([*filter(None, values)][:1])
     once = {size: values.pop() for size, values in found.items() if len(values) == 1}
-    lengths = [once[size] for size in ("size_gauge", "size_length") if size in once]
     areas = [once["size_area"]] if "size_area" in once else []
     sides = [once[size] for size in ("size_width", "size_thickness") if size in once]
     areas += [sides[0] * sides[1]] if len(sides) == 2 else []
     areas += [np.pi / 4.0 * once["size_diameter"] ** 2] if "size_diameter" in once and not sides else []
-    every = {"length": lengths, "area": areas}
+    every = {"length": [once[k] for k in ("size_gauge", "size_length") if k in once], "area": areas}
     return {size: float(f"{values[0]:.6g}") for size, values in every.items() if values}
 
 
