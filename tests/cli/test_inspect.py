@@ -106,6 +106,14 @@ def test_any_other_word_is_the_study(call: Call, study: Path, options: tuple[str
     assert Path("run/measured/s1.parquet").is_file()
 
 
+def test_a_specimen_of_two_spots_is_named(call: Call, study: Path) -> None:
+    file = study / "study.toml"
+    file.write_text(file.read_text().replace('"s2.txt"', '"s1.txt"'))
+    outcome = call("experiment", study, "--out", "run", plugin=PLUGIN)
+    assert outcome.code == 2
+    assert "s1.txt of spot 's2': it has the numbers of s1.txt of spot 's1'" in outcome.err
+
+
 def test_help_shows_both(call: Call) -> None:
     outcome = call("experiment", "--help")
     assert "STUDY | inspect FILE" in outcome.out

@@ -82,12 +82,13 @@ def load_measured(study: Study, channels: Mapping[str, Channel]) -> dict[str, Re
 def load_presses(study: Study, channels: Mapping[str, Channel]) -> dict[str, Presses]:
     """Read every file of each spot; raises as :func:`load_measured`."""
     every = {spot.spot.name: _load_spot(study, spot, channels) for spot in study.spots}
-    specimens = dict[str, Response]()
+    of_file = dict[str, tuple[str, Response]]()
     for name, each in every.items():
         _check_apart(each.responses)
-        if study.protocol_at(name) is None:
-            specimens |= {f"{file} of spot '{name}'": found for file, found in each.responses.items()}
-    _check_apart(specimens)
+        for file, found in each.responses.items() if study.protocol_at(name) is None else ():
+            spot, first = of_file.setdefault(file, (name, found))
+            if spot != name:
+                _check_apart({f"{file} of spot '{spot}'": first, f"{file} of spot '{name}'": found})
     _check_parametrisation(study, every)
     _check_phases(study, every, channels)
     return _checked_weights(study, every)
