@@ -101,7 +101,7 @@ def test_everything_reads_the_first_answer_of_a_quick_run(call, study, n_sets):
     row = opened.answer.row(0, named=True)
     assert row["source"] == "first answer"
     assert row["lower"] < row["value"] < row["upper"]
-    assert opened.headline.source == "first answer"
+    assert (opened.headline.source, opened.headline.is_fit) == ("first answer", True)
     card = call("card", RUN)
     assert (card.code, "first answer" in card.out) == (0, True), card.err
     planned = call("next", RUN)

@@ -106,11 +106,8 @@ class _Source:
     intervals: Mapping[str, Mapping[str, Any]]
     model: Adequacy
     reason: str
+    is_fit: bool
     reported: bool = False
-
-    @property
-    def is_fit(self) -> bool:
-        return self.text == FIT
 
 
 def answer_table(results: Results) -> pl.DataFrame:
@@ -169,6 +166,7 @@ def _sources(results: Results) -> Iterator[_Source]:
                 intervals=known.get(key, {}),
                 model=Adequacy.FAILS if low else model,
                 reason=f"it does not fit: {', '.join(low)}" if low else reason,
+                is_fit=is_fit,
             )
 
 

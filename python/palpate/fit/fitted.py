@@ -31,6 +31,8 @@ class Fitted:
         What was searched, ``<name>@<spot>`` where each spot has its own, in the units of the materials.
     spots : tuple of str
         Whose curves it was fitted to.
+    is_fit : bool
+        True if a fit has found the values, and no sweep.
     """
 
     source: str
@@ -38,11 +40,7 @@ class Fitted:
     scenario: str
     values: Mapping[str, float]
     spots: tuple[str, ...]
-
-    @property
-    def is_fit(self) -> bool:
-        """True if a fit has found the values, and no sweep."""
-        return not self.source.startswith("set ")
+    is_fit: bool = True
 
 
 def fitted(study: Study, selection: pl.DataFrame, generalisation: pl.DataFrame, fit: FitResult) -> Fitted:
@@ -62,12 +60,14 @@ def fitted(study: Study, selection: pl.DataFrame, generalisation: pl.DataFrame, 
     by_spot = {row["spot"]: row for row in rows.iter_rows(named=True)}
     spots = tuple(spot for spot in study.spot_names if spot in by_spot)
     first = by_spot[spots[0]]
+    is_fit = "fit" in first
     return Fitted(
-        source="fit" if "fit" in first else f"set {first['set_id']}",
+        source="fit" if is_fit else f"set {first['set_id']}",
         fit=first.get("fit") or (ALL_SPOTS if len(study.spots) > 1 else spots[0]),
         scenario=study.generalise_by,
-        values=dict(_values(study, by_spot, spots)),
+        values=dict(_values(study, by_spot, spots, is_fit=is_fit)),
         spots=spots,
+        is_fit=is_fit,
     )
 
 
@@ -86,9 +86,8 @@ def reported_rows(
 
 
 def _values(
-    study: Study, by_spot: Mapping[str, Mapping[str, Any]], spots: Sequence[str]
+    study: Study, by_spot: Mapping[str, Mapping[str, Any]], spots: Sequence[str], *, is_fit: bool
 ) -> Iterator[tuple[str, float]]:
-    is_fit = any("fit" in row for row in by_spot.values())
     with answering_for(study.parametrisation, "asking for its parameters"):
         searched = study.parametrisation.parameters(study.space, spots)
     for text in [p.name for p in searched] if is_fit else study.space.names:

@@ -166,6 +166,13 @@ def test_the_skin_relaxes_where_the_solver_can(skinned, monkeypatch, relaxation)
     assert job.materials["soft_tissue"].relaxation_times_s == ((10.0,) if relaxation else ())
 
 
+@pytest.mark.parametrize("is_fit", [True, False])
+def test_no_name_of_a_source_decides_whether_values_are_fitted(is_fit):
+    found = Fitted(source="fit", fit="p1", scenario="both", values={}, spots=("p1",), is_fit=is_fit)
+    assert replace(found, source="set by hand").is_fit is is_fit
+    assert found.is_fit is is_fit
+
+
 @pytest.mark.parametrize(
     ("changes", "expected"),
     [
