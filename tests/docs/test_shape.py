@@ -18,8 +18,8 @@ ROOT = Path(__file__).parents[2]
 LONGEST_FILE = 500
 LONGEST_FUNCTION = 45
 MOST = {
-    "lines": 78_363,
-    "lines of the core": 33_500,
+    "lines": 78_359,
+    "lines of the core": 33_397,
     "classes": 650,
     "constants": 689,
     "long files": 0,

@@ -97,8 +97,8 @@ class RobotLogLoader(ExperimentLoader[RobotLogSettings]):
         if is_default and indenter == "sphere" and is_on_skin:
             yield (
                 "first contact is found by the law of a sphere on one tissue. On skin over softer tissue "
-                "it is about 0.1 mm too early. Set exponent = 1.3 under [experiment.settings.onset], and search "
-                "depth_offset under [fit.searched]"
+                "it is about 0.1 mm too early. Set exponent = 1.3 under [experiment.settings.onset], and "
+                "search depth_offset under [fit.searched]"
             )
 
     def draw(self, path: Path, folder: Path, channel: str | None = None) -> tuple[Path, ...]:
