@@ -48,7 +48,7 @@ class BrokenPlugin:
 @contextlib.contextmanager
 def _own_state() -> Iterator[None]:
     try:
-        folder = os.getcwd()  # a Path takes ten times as long, and this is called for every trial
+        folder = os.getcwd()  # five times as fast as with Path, and once for every trial
     except FileNotFoundError:  # removed; absolute paths are valid without it
         folder = ""
     numpy = sys.modules.get("numpy")  # the list of commands needs none
@@ -57,7 +57,7 @@ def _own_state() -> Iterator[None]:
         try:
             yield
         finally:
-            with contextlib.suppress(FileNotFoundError):
+            with contextlib.suppress(FileNotFoundError, NotADirectoryError):
                 os.chdir(folder)
 
 
