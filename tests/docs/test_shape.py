@@ -18,7 +18,7 @@ ROOT = Path(__file__).parents[2]
 LONGEST_FILE = 500
 LONGEST_FUNCTION = 45
 MOST = {
-    "lines": 78_359,
+    "lines": 78_356,
     "lines of the core": 33_397,
     "classes": 650,
     "constants": 689,

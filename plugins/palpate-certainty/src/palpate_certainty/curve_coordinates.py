@@ -10,7 +10,7 @@ from dataclasses import dataclass
 import numpy as np
 import scipy
 
-from palpate.api import FloatArray
+from palpate.api import BoolArray, FloatArray
 from palpate.api.fit import Box
 from palpate_certainty.laplace import Laplace
 
@@ -34,22 +34,19 @@ class CurveCoordinates:
 
     def shares(self, coordinates: FloatArray) -> FloatArray:
         """Shares of the ranges at coordinates (..., n_parameters) from 0 to 1."""
-        shares, bent = np.array(coordinates), self.powers != 1.0
-        ratio, power = self._ratio[bent], self.powers[bent]
+        shares, (bent, ratio, power) = np.array(coordinates), self._bent
         shares[..., bent] = (_inverse(shares[..., bent] * _power(ratio, power), power) - 1.0) / (ratio - 1.0)
         return shares
 
     def coordinates(self, shares: FloatArray) -> FloatArray:
         """Coordinates of shares (..., n_parameters) of the ranges."""
-        found, bent = np.array(shares), self.powers != 1.0
-        ratio, power = self._ratio[bent], self.powers[bent]
+        found, (bent, ratio, power) = np.array(shares), self._bent
         found[..., bent] = _power(1.0 + found[..., bent] * (ratio - 1.0), power) / _power(ratio, power)
         return found
 
     def rates(self, shares: FloatArray) -> FloatArray:
         """Derivatives (..., n_parameters) of shares of the ranges in their coordinates."""
-        rates, bent = np.ones_like(shares), self.powers != 1.0
-        ratio, power = self._ratio[bent], self.powers[bent]
+        rates, (bent, ratio, power) = np.ones_like(shares), self._bent
         values = 1.0 + shares[..., bent] * (ratio - 1.0)
         rates[..., bent] = _power(ratio, power) * values ** (1.0 - power) / (ratio - 1.0)
         return rates
@@ -61,10 +58,10 @@ class CurveCoordinates:
         return found.mapped(np.diag(1.0 / rates), centre)
 
     @property
-    def _ratio(self) -> FloatArray:
-        """Upper over lower end of each range; 1 where a logarithm has no meaning."""
-        is_log = self.box.log
-        return np.divide(self.box.upper, self.box.lower, out=np.ones(is_log.size), where=is_log)
+    def _bent(self) -> tuple[BoolArray, FloatArray, FloatArray]:
+        """Mask (n_parameters,) of moduli in another power, and the ratios of their ranges and powers."""
+        bent = self.powers != 1.0
+        return bent, self.box.upper[bent] / self.box.lower[bent], self.powers[bent]
 
 
 def power_of(factor: float, change: float) -> float:
